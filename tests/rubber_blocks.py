@@ -4,9 +4,11 @@ import numpy as np
 from case_texts import one_body
 from mpi4py import MPI
 from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
 
+import coulomb
 from coulomb.fem.compat import fem, functionspace, mesh, ufl
-from coulomb.kinematics import NonlinearBody, neo_hookean
+from coulomb.kinematics import NeoHookean, NonlinearBody, neo_hookean
 
 MU, LAME = 1e6 / 2.6, 0.3e6 / (1.3 * 0.4)
 """Of E = 1 MPa, nu = 0.3."""
@@ -145,3 +147,31 @@ class RubberBlock:
     def area(self, ds):
         here = fem.assemble_scalar(fem.form(fem.Constant(self.domain, 1.0) * ds))
         return self.domain.comm.allreduce(here)
+
+
+def bolted_bar(comm=MPI.COMM_WORLD):
+    """A bar of two halves, tightened to 500 N until time 1, then locked; its upper end is drawn aside until time 2, and
+    everything is turned by 30 degrees until time 3: the problem, and the rotation at a time."""
+    axis, foot, head = np.array([1.0, 2.0, -0.5]), np.array([0.05, 0.05, 0.0]), np.array([0.05, 0.05, 1.0])
+    whole = np.radians(30.0) * axis / np.linalg.norm(axis)
+
+    def turned(time):
+        return Rotation.from_rotvec(max(time - 2.0, 0.0) * whole).as_matrix()
+
+    def way(time):
+        aside = np.array([0.0, 0.02, 0.0]) * min(max(time - 1.0, 0.0), 1.0)
+        return foot + turned(time) @ (head + aside - foot) - head
+
+    ramp = ((0.0, 0.0), (2.0, 0.0), (3.0, 1.0))
+    along = [lambda time, axis=axis: float(way(time)[axis]) for axis in range(3)]
+    ends = [
+        coulomb.RigidFace("low:bottom", tuple(foot), (0.0, 0.0, 0.0), tuple(whole), ramp),
+        coulomb.RigidFace("up:top", tuple(head), (1.0, 1.0, 1.0), tuple(whole), 1.0, [*along, ramp, ramp, ramp]),
+    ]
+    bolt = coulomb.Pretension("up:bottom", "low:top", force=500.0, amplitude=((0.0, 0.0), (1.0, 1.0)), lock=1.0)
+    low = coulomb.box((0.1, 0.1, 0.4), (1, 1, 2), comm=comm)
+    up = coulomb.moved(coulomb.box((0.1, 0.1, 0.6), (1, 2, 2), comm=comm), (0.0, 0.0, 0.4))
+    far = coulomb.Contact("low:left", 0.3, foundation=coulomb.Plane((-9.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
+    given = {"ties": [bolt], "rigid_faces": ends, "kinematics": "large"}
+    problem = coulomb.ContactProblem(coulomb.join(low=low, up=up), NeoHookean(1e6, 0.3), [], far, **given)
+    return problem, turned

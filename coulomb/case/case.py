@@ -371,8 +371,6 @@ class Case(Table):
                     f'law = {laws[0]!r} of a material is for large motions: set solver.kinematics = "large"'
                 )
             return self
-        if self.pretension:
-            raise ValueError('pretension: not with solver.kinematics = "large": it has ties, rigid faces and equations')
         for k, tie in enumerate(self.tie):
             if tie.begin is not None:
                 raise ValueError(f'tie.{k}.begin: not with solver.kinematics = "large", where ties may end')

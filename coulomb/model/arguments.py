@@ -11,7 +11,7 @@ import numpy as np
 
 from ..arrays import is_number, short
 from ..fem.bodies import Deformable, Equation, PrescribedDisplacement, Support, act_together, nonlinear, vanishes
-from ..fem.contact import Pretension, Tied
+from ..fem.contact import Tied
 from ..fem.geometry import same_on_all_ranks
 from ..fem.meshes import JoinedMesh, NamedMesh, is_mesh_data, with_surfaces
 from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
@@ -131,10 +131,6 @@ def contacts_of_large_motions(arguments: Mapping[str, Any], contacts: Sequence[C
     if isinstance(arguments["mesh"], Deformable):
         for member in arguments["mesh"].members:
             nonlinear(member.body)
-    for bolt in (one for one in arguments["ties"] if isinstance(one, Pretension)):
-        raise ValueError(
-            f"{bolt.what}: bolts are for small strains; large motions have ties, rigid faces and equations"
-        )
     for one in contacts:
         if one.adjust or one.smooth or one.surface or one.against_surface:
             raise ValueError(

@@ -424,7 +424,6 @@ class ContactBody:
         law = self._faces.law(surface, time, slip_rate)
         if before is None:
             elasticity.refuse_beginning(time)
-            elasticity.constraints.refuse_beginning(time)
         loading = elasticity.after(time, None if before is None else End(before.time, before.displacement))
         spins, origin = self._spins_and_origin(motions, surface, time, before)
         loaded = self._faces.loaded(elasticity, motions, time, poses)

@@ -395,16 +395,16 @@ def linearised(
         of_before = before and before.of(nodes)
         return one.linearised(u[nodes], time, of_before, None if previous is None else previous[nodes])
 
-    return each(body.at_time(time), at, u, None if before is None else before.turns)
+    return each(body.at_time(time), at, u, before)
 
 
 def each(
     body: Deformable,
     change: Callable[[NonlinearBody, slice], NonlinearBody],
     u: FloatArray | None = None,
-    turns: FloatArray | None = None,
+    before: End | None = None,
 ) -> Deformable:
     """The same bodies, each changed, and displaced by u (k, 3) if it is given (`JoinedBodies.of`); the change is given
     its nodes."""
     changed = [change(nonlinear(one.body), one.nodes) for one in body.members]
-    return body.of(changed, u, turns) if isinstance(body, JoinedBodies) else changed[0]
+    return body.of(changed, u, before) if isinstance(body, JoinedBodies) else changed[0]

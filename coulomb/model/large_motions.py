@@ -167,12 +167,12 @@ class LoadStepLoop:
         )
 
     def _whole_step(self, state: State, u: FloatArray, tolerance: float, solve: _Solve) -> Solution:
-        """Of bodies that slide on each other, or under loads that follow their surface, by accelerated iterates, and if
-        these fail, by the others: else iterates converge fast enough."""
+        """Of bodies that slide on each other, with bolts, or under loads that follow their surface, by accelerated
+        iterates, and if these fail, by the others: else iterates converge fast enough."""
         contacts = self.shared.contacts
         pairs, loads = any(one.against for one in contacts), any(one.load for one in contacts)
         followed = any(nonlinear(one.body).follows for one in self.elasticity.members)
-        if (pairs or followed) and not loads:
+        if (pairs or followed or self.elasticity.constraints.bolts) and not loads:
             try:
                 return self._solved_from(state, u, tolerance, solve, accelerate=True)
             except StepCut as failure:

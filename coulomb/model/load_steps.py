@@ -20,6 +20,9 @@ from .provenance import now, timed
 _ARM: Final = 1e-3
 """Largest distance of tied faces over the root of a node's area; chords of a ring of facets of 4 degrees leave 2e-4."""
 
+_LINE: Final = 1e-6
+"""Ratio of the second moments of nodes across and along a line below which they are on it."""
+
 
 class LoadSteps:
     """What the load steps of bodies of large displacements share.
@@ -31,7 +34,7 @@ class LoadSteps:
         branch: As of `ContactProblem`.
 
     Raises:
-        ValueError: On every rank, if tied faces are apart.
+        ValueError: On every rank, if tied faces are apart, or the nodes of a section of a bolt are on a line.
 
     Attributes:
         contacts: The contacts, with the foundations before any motion.
@@ -49,6 +52,7 @@ class LoadSteps:
         self.damped, self.damping = False, 0.0
         self.held_by_contact = self._left_free()
         self._refuse_ties_across_gaps()
+        self._refuse_sections_on_lines()
         self._methods = linear_solver_of(linear_solver), explicit
         self.contacts = tuple(
             replace(one, slave=True)
@@ -65,11 +69,12 @@ class LoadSteps:
         return again
 
     def _left_free(self) -> bool:
-        """Whether supports and ties leave rigid motions; collective."""
+        """Whether supports and ties leave rigid motions, or loose bolts; collective."""
         body = self.elasticity
         component, names = body.moving_together
         forces = body.reduction.prevented(component_modes(body.x, component, body.comm)[0])
-        return len(free_motions(body.x, component, names, forces, body.comm)) > 0
+        found = free_motions(body.x, component, names, forces, body.comm)
+        return len(body.constraints.opened(found, body.component, body.component_names, np.zeros_like)) > 0
 
     def _refuse_ties_across_gaps(self) -> None:
         """Nodes of a tie follow across a distance as the ends of rigid arms, with the linear part of their rotations:
@@ -85,6 +90,19 @@ class LoadSteps:
                     f"{tie.arm / facet:.1%} of a facet's length; in large motions tied faces must touch: move one of "
                     "the bodies (coulomb.moved), or mesh the gap; where both are curved, use finer or second-order "
                     "cells"
+                )
+
+    def _refuse_sections_on_lines(self) -> None:
+        """Of nodes on a line a rotation about it is not known; collective."""
+        over = Reductions(self.elasticity.comm)
+        for bolt in self.elasticity.constraints.bolts:
+            sums = over.total(np.array([*bolt.arms.sum(axis=0), len(bolt.arms)]))
+            r = bolt.arms - sums[:3] / sums[3]
+            sizes = np.linalg.eigvalsh(over.total((r.T @ r).ravel()).reshape(3, 3))
+            if sizes[1] < _LINE * sizes[2]:
+                raise ValueError(
+                    f"{bolt.given.what}: the nodes that follow the other side are on a line, about which the rotation "
+                    "of the bolt would be unknown: use a finer mesh, or end supports before the section"
                 )
 
     def posed(

@@ -68,9 +68,12 @@ def refuse(problem: DiscreteProblem) -> None:
     if problem.body.heat is not None:
         raise ValueError("sensitivities are not known with heat")
     body = problem.elasticity
-    turning = any(one.finite for one in body.constraints.motions) or any(one.body.wrenches() for one in body.members)
+    turning = any(one.finite for one in body.constraints.motions) or bool(body.constraints.bolts)
+    turning |= any(one.body.wrenches() for one in body.members)
     if problem.body.undeformed is not None and turning:
-        raise ValueError("in large motions sensitivities are not known with rigid faces, and moments of point loads")
+        raise ValueError(
+            "in large motions sensitivities are not known with rigid faces, bolts, and moments of point loads"
+        )
     rated = any(isinstance(one.friction, SlipRateFriction | VariableFriction) for one in problem.contacts)
     if problem.before is not None and rated:
         raise ValueError("the sensitivities of a history are not known where friction depends on the slip rate")

@@ -5,7 +5,7 @@ import tomllib
 import numpy as np
 import pytest
 from mpi4py import MPI
-from rubber_blocks import DRAWN, RubberBlock, stress
+from rubber_blocks import DRAWN, RubberBlock, bolted_bar, stress
 from scipy.optimize import brentq
 
 import coulomb
@@ -52,6 +52,19 @@ def test_a_case_has_the_rows_of_one_rank():
         for name in here:
             if name.startswith(("force", "normal_force", "prescribed", "energy", "greatest_slip")):
                 assert there[name] == pytest.approx(here[name], rel=1e-7, abs=1e-7 * size)
+
+
+def test_a_turned_bolt_follows_the_other_side_as_on_one_rank():
+    def followed(comm):
+        body = bolted_bar(comm)[0].elasticity
+        u = np.sin(3.0 * body.x + body.x[:, [1, 2, 0]])
+        u[body.members[1].nodes, 2] -= 0.1
+        there = body.constraints.at_place(body.x + u, u)
+        (bolt,), apart = there.bolts_at(u), there.reduction.apart(np.cos(5.0 * body.x))
+        sums = comm.allreduce(np.array([np.sum(apart**2), np.sum(apart**3)]))
+        return [*bolt.direction, *bolt.centre, bolt.shortening, *sums]
+
+    assert followed(MPI.COMM_WORLD) == pytest.approx(followed(MPI.COMM_SELF), rel=1e-10)
 
 
 def test_tied_halves_bend_onto_a_plane_as_one_mesh():

@@ -2,7 +2,6 @@
 
 import csv
 import shutil
-import tomllib
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Plane, PointLoad, PrescribedDisplacement, RigidFace
-from coulomb.case.case import Case
 from coulomb.kinematics import NeoHookean, StVenantKirchhoff
 from coulomb.recheck import check
 
@@ -154,9 +152,3 @@ def test_a_face_turned_past_half_a_turn_is_checked_and_resumed(tmp_path):
 def test_what_cannot_turn_is_refused(faces, supports, message):
     with pytest.raises(ValueError, match=message):
         block(faces, supports=supports)
-
-
-def test_bolts_are_refused_by_their_key():
-    bolt = "[[pretension]]\nface = 'left'\nagainst = 'right'\nforce = 1.0\n"
-    with pytest.raises(ValueError, match=r"pretension: not with solver\.kinematics"):
-        Case.model_validate(tomllib.loads(CASE + bolt))

@@ -1,4 +1,4 @@
-"""Rigid faces that turn by finite angles, of bodies of large displacements.
+"""Rigid faces and sections of bolts that turn by finite angles, of bodies of large displacements.
 
 A node X has moved to c + d + R(theta) (X - c), with the translation d of the reference point c and the rotation vector
 theta: these six are the components that are prescribed, free, or on springs.  At a displacement the pose (d, theta) is
@@ -6,6 +6,11 @@ that of the nearest rigid motion; changes move nodes by dd + J dtheta x r, with 
 `turn_by_change`; and nodes that are off the pose are moved to where it takes them.  So iterates converge quadratically
 to nodes that are exactly where the face takes them, if K has the second derivative of these places times the forces
 there, `FiniteMotion.bent`.
+
+The direction of a bolt turns with its section: u_slave = W u + s R n, with R of the rigid motion that is nearest to
+that of the outermost points W x (of all, rows would be dense).  A change turns n by dtheta, which follows from those of
+these points, so that the rows of the slave nodes have s dtheta x R n as well: no rigid motion is resisted, and forces
+and their moments are in balance.
 """
 
 from __future__ import annotations
@@ -15,12 +20,13 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar, Final
 
 import numpy as np
+import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray
 from ..geometry import rotation_matrix, rotation_vector, turn_by_change
 from .rigid_modes import Wrench, nearest_turn
-from .ties import FaceMotion, moved_at
+from .ties import FaceMotion, Section, Tie, moved_at
 
 _DIFFERENCE: Final = 1e-4
 """Step in radians of the differences that second derivatives are."""
@@ -105,3 +111,39 @@ class FiniteMotion(FaceMotion):
         about = self.motions[3:]
         bent: FloatArray = about.T @ (0.5 * (H + H.T)) @ about
         return bent
+
+
+def turned_section(tie: Tie, x: FloatArray, apart: FloatArray, tied: FloatArray, comm: MPI.Comm) -> Section:
+    """The section of a bolt, with its nodes at x (m, 3), which are `apart` (m, 3) from the points that they follow,
+    metres, along the directions of projectors (m, 3, 3); collective."""
+    section = tie.bolt
+    assert section is not None
+    from_, to, R = nearest_turn(section.arms, (x - apart)[section.rim], comm)
+    n = R @ section.direction
+    N = tied @ n
+    along, size = comm.allreduce(np.array([np.sum(N * apart), np.sum(N * N)]), op=MPI.SUM)
+    place, arms = to - R @ from_, section.arms @ R.T
+    return replace(section, place=place, direction=n, arms=arms, shortening=float(along / size))
+
+
+def turned_tie(tie: Tie, x: FloatArray, apart: FloatArray, tied: FloatArray, comm: MPI.Comm) -> Tie:
+    """The tie of a bolt's section with its `turned_section`, and with rows of changes; arguments as there;
+    collective."""
+    section = turned_section(tie, x, apart, tied, comm)
+    own = np.tile(section.direction[:, None], (len(x), 1, 1))
+    if section.shortening == 0.0:
+        return replace(tie, own=own, bolt=section)
+    rim, followed = section.rim, (x - apart)[section.rim]
+    sums = comm.allreduce(np.array([*section.arms.sum(axis=0), *followed.sum(axis=0), len(rim)]), op=MPI.SUM)
+    a, b = section.arms - sums[:3] / sums[6], followed - sums[3:6] / sums[6]
+    size = comm.allreduce(np.sum(a * b) * np.eye(3) - a.T @ b, op=MPI.SUM)  # of sum(a x db) = size dtheta
+    at = (3 * rim[:, None] + np.arange(3)).ravel()
+    levers = scipy.sparse.csr_matrix(np.moveaxis(_crossing(a), 0, 1).reshape(3, -1)) @ tie.rows[at]
+    turning = scipy.sparse.csr_matrix(np.linalg.inv(size)) @ sum(comm.allgather(levers))
+    across = -section.shortening * (tied @ _crossing(section.direction)).reshape(-1, 3)
+    return replace(tie, own=own, bolt=section, rows=(tie.rows + scipy.sparse.csr_matrix(across) @ turning).tocsr())
+
+
+def _crossing(vectors: FloatArray) -> FloatArray:
+    """The matrices C of vectors v (..., 3) with C w = v x w, shape (..., 3, 3)."""
+    return np.cross(vectors[..., None, :], np.eye(3)).swapaxes(-1, -2)

@@ -15,12 +15,15 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 from mpi4py import MPI
+from scipy.sparse.csgraph import connected_components
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, IntArray
 from ...units import amount as in_units
+from ..meshes import fetched, starts_of
 from .rigid_modes import SMALL, RigidLoad, RigidPart, component_modes, direction_in_words, null_space, tidy
-from .ties import Section
+from .ties import Section, Tie
 
 _WORSE: Final = 0.3
 """How much worse the first places may determine the motions than the best."""
@@ -371,3 +374,29 @@ def openings(
         named.append((name, RigidPart(moving[0].place, moving[0].radius), moving[0].direction))
     ways: FloatArray = right[:rank].T @ ((bolts / sizes[:rank]).T @ wanted)
     return ways, named
+
+
+def together(
+    ties: Sequence[Tie], component: IntArray, names: tuple[str, ...], comm: MPI.Comm, links: Sequence[IntArray] = ()
+) -> tuple[IntArray, tuple[str, ...]]:
+    """The component of every node, where those of these ties, and of linked nodes, are one, shape (k,), and their
+    names; collective."""
+    if not ties and not links:
+        return component, names
+    starts, found = starts_of(comm, len(component)), [np.empty((0, 2), dtype=np.int64)]
+    for tie in ties:
+        entries = tie.rows.tocoo()
+        masters = fetched(comm, starts, (entries.col // 3).astype(np.int64), component)
+        found.append(np.unique(np.column_stack([component[tie.nodes[entries.row // 3]], masters]), axis=0))
+        if tie.own.shape[2]:  # moved by the same unknowns
+            moved = np.unique(np.concatenate(comm.allgather(np.unique(component[tie.nodes]))))
+            found.append(np.column_stack([moved[:-1], moved[1:]]))
+    for nodes in links:
+        linked = fetched(comm, starts, nodes, component)
+        found.append(np.column_stack([linked[:-1], linked[1:]]))
+    pairs = np.concatenate(comm.allgather(np.concatenate(found)))
+    graph = scipy.sparse.coo_matrix((np.ones(len(pairs)), pairs.T), (len(names), len(names)))
+    number = connected_components(graph, directed=False)[1].astype(np.int64)
+    _, number = np.unique(number, return_inverse=True)
+    groups = [[name for name, at in zip(names, number, strict=True) if at == k] for k in range(max(number) + 1)]
+    return number[component], tuple(group[0] if len(group) == 1 else " with ".join(group) for group in groups)

@@ -344,13 +344,11 @@ class JoinedBodies(Deformable):
     def _has(self, bodies: Sequence[Deformable]) -> bool:
         return all(one.body is body for one, body in zip(self._members, bodies, strict=True))
 
-    def of(
-        self, bodies: Sequence[SingleBody], u: FloatArray | None = None, turns: FloatArray | None = None
-    ) -> JoinedBodies:
-        """The same with other bodies: these with another stiffness, or displaced by u (k, 3) metres, where rigid faces
-        have turned as nearly as possible by these rotation vectors (faces, 3); collective."""
+    def of(self, bodies: Sequence[SingleBody], u: FloatArray | None = None, before: End | None = None) -> JoinedBodies:
+        """The same with other bodies: these with another stiffness, or displaced by u (k, 3) metres, after the end of
+        another load step (`Constraints.at_place`); collective."""
         x, constraints = np.concatenate([body.x for body in bodies]), self.constraints
-        other = self._with(bodies, constraints if u is None else constraints.at_place(x, u, turns))
+        other = self._with(bodies, constraints if u is None else constraints.at_place(x, u, before))
         other._at_times = []
         return other
 
@@ -386,6 +384,7 @@ class JoinedBodies(Deformable):
     def refuse_beginning(self, time: float) -> None:
         for member in self._members:
             member.body.refuse_beginning(time)
+        self.constraints.refuse_beginning(time)
 
     def at(self, time: float) -> Loading:
         return self.after(time, None)

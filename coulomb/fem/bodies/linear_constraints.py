@@ -17,12 +17,12 @@ from typing import Any, Final
 import numpy as np
 import scipy.sparse
 from mpi4py import MPI
-from scipy.sparse.csgraph import connected_components
 
 from ...arrays import FloatArray, IntArray
 from ..meshes import fetched, starts_of
 from .constraints import HeldNodes, at_nodes_of, distributed_rows, rows_of
-from .free_motions import SHORTENS, FreeMotions, OpenedPart, least_energy, openings
+from .finite_motions import turned_section, turned_tie
+from .free_motions import SHORTENS, FreeMotions, OpenedPart, least_energy, openings, together
 from .lasting_supports import End, act_together, acts, limits_of, share_left
 from .loads import Loading, NodalForces
 from .reduction import LONGEST_CHAIN, Reduction
@@ -62,6 +62,7 @@ class Constraints:
     """
 
     _displaced: FloatArray | None = None
+    _before: End | None = None
     reduction: Reduction
 
     def __init__(
@@ -110,13 +111,17 @@ class Constraints:
     def _take(self, acting: tuple[bool, ...], time: float) -> None:
         """Let these constraints act, and those bolts be locked that are at a time."""
         self._unlocked = found = self._reductions[acting]
-        self.ties, self.acting = self._those(acting), acting
-        owned = [(tie.motion or tie.bolt, own) for tie, own in zip(self.ties, found.own, strict=True)]
+        self.acting = acting
+        self._own(self._those(acting), found.own)
+        self.locked = tuple(bolt.given.fixed(time) for bolt in self.bolts)
+        self.reduction = self._prescribed()
+
+    def _own(self, ties: tuple[Tie, ...], places: Sequence[slice]) -> None:
+        """Let it have these ties, with their own unknowns at these places."""
+        self.ties, owned = ties, [(tie.motion or tie.bolt, own) for tie, own in zip(ties, places, strict=True)]
         self._of_faces = [(motion, own) for motion, own in owned if isinstance(motion, FaceMotion)]
         self._of_bolts = [(bolt, own.start) for bolt, own in owned if isinstance(bolt, Section)]
         self.motions, self.bolts = [one for one, _ in self._of_faces], [one for one, _ in self._of_bolts]
-        self.locked = tuple(bolt.given.fixed(time) for bolt in self.bolts)
-        self.reduction = self._prescribed()
 
     def _prescribed(self) -> Reduction:
         given = [own for (_, own), locked in zip(self._of_bolts, self.locked, strict=True) if locked]
@@ -130,28 +135,32 @@ class Constraints:
             return self
         other = copy.copy(self)
         other._take(acting, time)
-        return other if self._displaced is None else other.at_place(self.reduction.x, self._displaced, self.turns)
+        return other if self._displaced is None else other.at_place(self.reduction.x, self._displaced, self._before)
 
     def same(self, other: Constraints) -> bool:
         """Whether those of the same bodies act, and the same bolts are locked, as of others."""
         return (self.acting, self.locked) == (other.acting, other.locked)
 
-    def at_place(self, x: FloatArray, u: FloatArray, turns: FloatArray | None = None) -> Constraints:
-        """The same of nodes at another place x (k, 3), metres, displaced by u (k, 3): loadings are of changes of it.
-        Rotation vectors of rigid faces are the nearest to these (faces, 3), by default 0; collective."""
+    def at_place(self, x: FloatArray, u: FloatArray, before: End | None = None) -> Constraints:
+        """The same of nodes at another place x (k, 3), metres, displaced by u (k, 3), after the end of another load
+        step: loadings are of changes of it.  Rotation vectors of rigid faces are the nearest to those before, by
+        default 0; collective."""
         other = copy.copy(self)
-        other._displaced = u
+        other._displaced, other._before = u, before
         other._unlocked = self._unlocked.at_place(x)
-        if self.motions:
-            near = np.zeros((len(self.motions), 3)) if turns is None else turns
-            other.motions = [one.at_place(x, of, self.comm) for one, of in zip(self.motions, near, strict=True)]
-            other._of_faces = [(one, own) for one, (_, own) in zip(other.motions, self._of_faces, strict=True)]
-            there = iter(other.motions)
-            faces = [next(there) if tie.motion else None for tie in self.ties]
-            other.ties = tuple(
-                tie if motion is None else replace(tie, own=motion.own(x), motion=motion)
-                for tie, motion in zip(self.ties, faces, strict=True)
-            )
+        if self.motions or self.bolts:
+            found, apart, comm = self._before_deformation, self._apart(u), self.comm
+            turns = None if before is None else before.turns
+            near = iter(np.zeros((len(self.motions), 3)) if turns is None else turns)
+
+            def there(tie: Tie) -> Tie:
+                if tie.motion is not None:
+                    motion = tie.motion.at_place(x, next(near), comm)
+                    return replace(tie, own=motion.own(x), motion=motion)
+                nodes = tie.nodes
+                return tie if tie.bolt is None else turned_tie(tie, x[nodes], apart[nodes], found.tied[nodes], comm)
+
+            other._own(tuple(map(there, self._those(self.acting))), found.own)
             other._unlocked = self._sprung(other._unlocked.of_weights(other.ties), other.ties)
         other.reduction = other._prescribed()
         return other
@@ -173,6 +182,26 @@ class Constraints:
         return other
 
     @property
+    def _before_deformation(self) -> Reduction:
+        """That of the constraints that act, of nodes that are not displaced."""
+        return self._reductions[self.acting]
+
+    def _apart(self, u: FloatArray) -> FloatArray:
+        """By how much nodes are apart at displacements u (k, 3) from what they follow, metres, shape (k, 3), however
+        far they have turned; collective."""
+        return self._before_deformation.apart(u)
+
+    def _sections(self, u: FloatArray) -> list[Section]:
+        """The sections of bolts at displacements u (k, 3), in large motions turned; collective."""
+        if self._displaced is None:
+            y = self._amounts(u)
+            return [replace(bolt, shortening=float(y[own])) for bolt, own in self._of_bolts]
+        found, apart, ties = self._before_deformation, self._apart(u), self._those(self.acting)
+        x = found.x + u
+        each = ((tie, tie.nodes) for tie in ties if tie.bolt is not None)
+        return [turned_section(tie, x[at], apart[at], found.tied[at], self.comm) for tie, at in each]
+
+    @property
     def _displacement(self) -> FloatArray:
         """The displacement of which loadings are changes, metres, shape (k, 3)."""
         return np.zeros_like(self.reduction.x) if self._displaced is None else self._displaced
@@ -189,32 +218,7 @@ class Constraints:
     def joined(self, component: IntArray, names: tuple[str, ...]) -> tuple[IntArray, tuple[str, ...]]:
         """The component of every node, where those that move together, or are linked by springs, are one, and their
         names; collective."""
-        return self._together(self.ties, component, names, [] if self._links is None else self._links.nodes)
-
-    def _together(
-        self, ties: Sequence[Tie], component: IntArray, names: tuple[str, ...], links: Sequence[IntArray] = ()
-    ) -> tuple[IntArray, tuple[str, ...]]:
-        """The component of every node, where those of these ties, and of linked nodes, are one, shape (k,), and their
-        names; collective."""
-        if not ties and not links:
-            return component, names
-        starts, found = starts_of(self.comm, len(component)), [np.empty((0, 2), dtype=np.int64)]
-        for tie in ties:
-            entries = tie.rows.tocoo()
-            masters = fetched(self.comm, starts, (entries.col // 3).astype(np.int64), component)
-            found.append(np.unique(np.column_stack([component[tie.nodes[entries.row // 3]], masters]), axis=0))
-            if tie.own.shape[2]:  # moved by the same unknowns
-                together = np.unique(np.concatenate(self.comm.allgather(np.unique(component[tie.nodes]))))
-                found.append(np.column_stack([together[:-1], together[1:]]))
-        for nodes in links:
-            linked = fetched(self.comm, starts, nodes, component)
-            found.append(np.column_stack([linked[:-1], linked[1:]]))
-        pairs = np.concatenate(self.comm.allgather(np.concatenate(found)))
-        graph = scipy.sparse.coo_matrix((np.ones(len(pairs)), pairs.T), (len(names), len(names)))
-        number = connected_components(graph, directed=False)[1].astype(np.int64)
-        _, number = np.unique(number, return_inverse=True)
-        groups = [[name for name, at in zip(names, number, strict=True) if at == k] for k in range(max(number) + 1)]
-        return number[component], tuple(group[0] if len(group) == 1 else " with ".join(group) for group in groups)
+        return together(self.ties, component, names, self.comm, [] if self._links is None else self._links.nodes)
 
     def opened(
         self,
@@ -235,7 +239,7 @@ class Constraints:
         firm = [tie for tie in self.ties if tie.bolt not in bolts and tie.prescribed is None]
         if len(firm) == len(self.ties) and self._links is None:
             return found
-        part, names = self._together(firm, component, names)
+        part, names = together(firm, component, names, self.comm)
         modes, parts = component_modes(self.reduction.x, part, self.comm)
         each = np.concatenate([np.where((part == k)[:, None, None], modes, 0.0) for k in range(len(parts))], axis=2)
         forces = self.reduction.prevented(each) + resisted(each)
@@ -288,6 +292,8 @@ class Constraints:
 
     def refuse_beginning(self, time: float) -> None:
         """Raise ValueError on every rank if what the bodies are at a time depends on load steps before."""
+        if self._displaced is not None:
+            return
         for one in (bolt.given for bolt in self.bolts):
             if one.force is not None and one.locked(time):
                 raise ValueError(
@@ -307,7 +313,7 @@ class Constraints:
         if not self.ties:
             return of_bodies
         found, time, x = self.reduction, of_bodies.time, self.reduction.x
-        kept = np.zeros(found.width) if before is None else self._amounts(before.displacement)
+        before = before or self._before
         offset = np.zeros_like(x)
         for motion in self.motions:
             offset += motion.prescribed(x, time, self.comm)
@@ -326,15 +332,20 @@ class Constraints:
             for motion in self.motions:
                 motion.refuse_other(found.held.held_part(of_bodies.prescribed - offset), size, self.comm)
         y = np.zeros(found.width)
-        for (bolt, own), locked in zip(self._of_bolts, self.locked, strict=True):
-            if locked:
-                y[own] = bolt.given.value(time, self.comm) if bolt.given.force is None else kept[own]
+        kept = self.bolts if before is None else self._sections(before.displacement)
+        for (bolt, own), locked, then in zip(self._of_bolts, self.locked, kept, strict=True):
+            if not locked:
+                y[own] = bolt.shortening
+            else:
+                y[own] = bolt.given.value(time, self.comm) if bolt.given.force is None else then.shortening
         apart = found.followed(offset) + found.moved(y)
         if self._displaced is not None:  # what is left
             left = found.left_apart(self._displaced)
-            for motion in self.motions:
-                if motion.finite:
-                    left[motion.nodes] = 0.0  # their offset is from where they are
+            for tie in self.ties:
+                if tie.motion is not None and tie.motion.finite:
+                    left[tie.nodes] = 0.0  # their offset is from where they are
+                elif tie.bolt is not None:
+                    left[tie.nodes] = self._apart(self._displaced)[tie.nodes]
             apart -= left
             size = self.comm.allreduce(float(np.max(np.abs(self._displaced), initial=0.0)), op=MPI.MAX)
             apart[np.abs(apart) <= _ROUNDING * size] = 0.0
@@ -424,9 +435,8 @@ class Constraints:
 
     def bolts_at(self, u: FloatArray) -> Iterator[Bolt]:
         """Of every bolt what is known of it at displacements u (k, 3), in the order given; collective."""
-        y = self._amounts(u)
-        for (bolt, own), locked in zip(self._of_bolts, self.locked, strict=True):
-            yield Bolt(bolt.face, bolt.place, bolt.direction, float(y[own]), locked)
+        for bolt, locked in zip(self._sections(u), self.locked, strict=True):
+            yield Bolt(bolt.face, bolt.place, bolt.direction, bolt.shortening, locked)
 
     # --- springs at reference points ----------------------------------------------------------------------------------
 

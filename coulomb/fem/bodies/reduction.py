@@ -127,10 +127,11 @@ class Reduction:
         return other
 
     def of_weights(self, ties: Sequence[Tie]) -> Reduction:
-        """The same of the same ties with other weights of their own unknowns, without springs along these."""
+        """The same of the same ties with other weights, of other nodes and of their own unknowns, without springs along
+        these."""
         other = copy.copy(self)
         other._ties, other.stiffness = tuple(ties), np.zeros_like(self.stiffness)
-        for name in ("weights", "T"):
+        for name in ("weights", "W", "T"):
             other.__dict__.pop(name, None)
         return other
 

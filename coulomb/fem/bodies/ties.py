@@ -200,6 +200,9 @@ class Section:
         place: Its middle, metres, shape (3,).
         direction: n, out of the slave face, shape (3,).
         radius: Root of its area over pi, metres.
+        rim: Which of the tie's nodes on this rank are outermost: by the points that these follow it turns, shape (r,).
+        arms: From its middle to these before deformation, turned as it has turned, metres, shape (r, 3).
+        shortening: Where it is at a displacement (`turned_section`), s, metres.
     """
 
     face: str
@@ -207,6 +210,9 @@ class Section:
     place: FloatArray
     direction: FloatArray
     radius: float
+    rim: npt.NDArray[np.int64]
+    arms: FloatArray
+    shortening: float = 0.0
 
 
 @dataclass(frozen=True)

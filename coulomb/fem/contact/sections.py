@@ -1,6 +1,7 @@
 """Sections of bolts: tied faces with one unknown s of their own, u_slave = W u + s n.
 
-A force F of the bolt is the force along s; where s is given, or locked, it is no unknown.
+A force F of the bolt is the force along s; where s is given, or locked, it is no unknown.  In large motions n turns
+with the section (`turned_section`).
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import is_number
+from ...arrays import FloatArray, is_number
 from ..bodies import Deformable, GivenBolt, Section, Tie
 from ..geometry import Amplitude, Point, check_direction
 from .ties import Tied, tie_of
@@ -21,7 +22,7 @@ _PLANE: Final = 0.95
 """Length of the mean normal of a section below which it has no direction of its own."""
 
 _ALONG: Final = 1e-6
-"""Part of the bolt's direction that supports may hold at nodes of its section."""
+"""Part of the bolt's direction that supports may hold at nodes of its section; and of its radius that is rounding."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Pretension(Tied, GivenBolt):
             (`read_mesh(cuts=)`) or the faces of two parts.
         force: Force of the bolt in newtons, positive where it pulls.
         shortening: In place of it the length taken out of the bolt, metres.
-        direction: Direction of the bolt; by default the normal of the section.
+        direction: Direction of the bolt; by default the normal of the section.  In large motions it turns with this.
         amplitude: Factor of force or shortening as a function of time.
         lock: End of tightening; a load step must end there.  By default the bolt is never locked.
 
@@ -97,4 +98,17 @@ def section_of(body: Deformable, given: Pretension, taken: npt.NDArray[np.bool_]
             f"{given.what}: supports hold nodes of the section along the bolt: end them before the section"
         )
     own = np.tile(n[:, None], (len(tie.nodes), 1, 1))
-    return replace(tie, own=own, bolt=Section(tie.face, given, centre, n, float(np.sqrt(area / np.pi))))
+    radius = float(np.sqrt(area / np.pi))
+    rim = _outermost(x - centre, n, radius, comm)
+    return replace(tie, own=own, bolt=Section(tie.face, given, centre, n, radius, rim, x[rim] - centre))
+
+
+def _outermost(r: FloatArray, n: FloatArray, radius: float, comm: MPI.Comm) -> npt.NDArray[np.int64]:
+    """Which of this rank's nodes, at r (m, 3) from the middle, are the farthest in one of 8 directions across n;
+    collective."""
+    across = np.cross(n, np.eye(3)[np.argmin(np.abs(n))])
+    across /= np.linalg.norm(across)
+    angles = 0.125 * np.pi * np.arange(1, 16, 2)[:, None]  # askew to edges
+    along = r @ (np.cos(angles) * across + np.sin(angles) * np.cross(n, across)).T
+    most = np.max(comm.allgather(np.max(along, axis=0, initial=-np.inf)), axis=0)
+    return np.flatnonzero(np.any(along >= most - _ALONG * radius, axis=1))

@@ -13,7 +13,6 @@ from coulomb import (
     Material,
     Plane,
     Pressure,
-    Pretension,
     Spring,
     SymmetryPlane,
     Tied,
@@ -311,9 +310,6 @@ def test_names_of_ties():
         Tied("a:top", "a:top")
     with pytest.raises(ValueError, match="by its name"):
         Tied("a:top", 3)
-    with pytest.raises(ValueError, match="for small strains"):
-        bolt = Pretension("left", "right", force=1.0)
-        ContactProblem(box((1, 1, 1), (1, 1, 1)), STEEL, [], FAR, kinematics="large", ties=[bolt])
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
