@@ -7,8 +7,9 @@ to the displacement after the step before, from which slip counts, and so on bac
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -18,12 +19,14 @@ from ..fem.contact import row_products
 from ..linalg.reductions import Reductions
 from ..solvers.derivatives import Change
 from ..solvers.derivatives import gradient as adjoint
+from ..solvers.successive_tresca import Anderson
 from .discrete_problem import DiscreteProblem
-from .geometric_terms import least_rotations
+from .geometric_terms import GeometricTerms, Way, least_rotations
 from .linear_problem import ContactState
-from .sensitivity import refuse, unloaded, with_loading
+from .sensitivity import MOST, NEARLY, refuse, unloaded, with_loading
 from .shape_gradient import contact_along_places
 from .stopping_criterion import directions_on_supports
+from .transposed_terms import TransposedTerms
 
 
 @dataclass(frozen=True)
@@ -151,6 +154,7 @@ class Lagrangian:
 
     def along_places(self) -> FloatArray:
         """As of `Gradient.places`."""
+        refuse_moving(self.answer)
         answer, x_n = self.answer, self.x[0::3]
         body, surface, loading, law = answer.elasticity, answer.surface, answer.loading, answer.law
         constraints = body.constraints
@@ -189,11 +193,13 @@ def _refuse_other(answer: DiscreteProblem, problem: DiscreteProblem, over: Reduc
         )
 
 
-def refuse_moving(problem: DiscreteProblem) -> None:
-    """ValueError for a problem of which gradients are not known; the same on every rank."""
+def refuse_moving(problem: DiscreteProblem, large: bool = False) -> None:
+    """ValueError for a problem of which gradients are not known, or not in `large` motions; the same on every rank."""
     refuse(problem)
-    if problem.body.undeformed is not None or problem.state.loaded:
-        raise ValueError("gradients are known of small strains with foundations whose motion is given")
+    if problem.body.undeformed is not None and not large:
+        raise ValueError("gradients along changes of a problem and along places are known of small strains alone")
+    if problem.state.loaded:
+        raise ValueError("gradients are known with foundations whose motion is given, not of those under load")
 
 
 def gradient(
@@ -216,10 +222,10 @@ def gradient(
         later: That of the load step after, by whose `before` J owes to this u as well.
 
     Raises:
-        ValueError: In large motions, with foundations under load, with heat, or in a load step where friction depends
+        ValueError: With foundations under load, with heat, or in a load step where friction depends
             on the slip rate; where J depends on friction that supports leave undetermined.
     """
-    refuse_moving(problem)
+    refuse_moving(problem, large=True)
     of_u = np.zeros_like(u) if of_u is None else of_u
     if later is not None:
         if later.before is None or later.before.shape != u.shape:
@@ -228,12 +234,70 @@ def gradient(
     of_x = np.zeros_like(x) if of_force is None else of_force
     if later is not None and later.loose is not None:
         raise ValueError("points are on the border of two states in the load step after: J has no one gradient before")
-    found = _gradient(problem, x, u, of_x, of_u, True)
-    return replace(found, loose=_gradient(problem, x, u, of_x, of_u, False)) if found.border else found
+    large = problem.body.undeformed is not None
+    problem = problem.with_factors(x)
+    moving = _Moving(problem, x, u) if large else None
+    found = _gradient(problem, x, u, of_x, of_u, True, moving)
+    return replace(found, loose=_gradient(problem, x, u, of_x, of_u, False, moving)) if found.border else found
+
+
+class _Moving:
+    """The geometric terms at an answer of large motions, for their transpose."""
+
+    def __init__(self, problem: DiscreteProblem, x: FloatArray, u: FloatArray):
+        terms, still = GeometricTerms(problem, x, u), np.zeros_like(u)
+        alpha = np.zeros(0 if problem.rigid is None else problem.rigid.count)
+        self.by_u = TransposedTerms(problem, x, lambda way: terms.along(Way(way, alpha)))
+        self.by_before: TransposedTerms | None = None
+        if problem.before is not None and Reductions(problem.comm).any(bool(np.any(problem.before.displacement))):
+            self.by_before = TransposedTerms(problem, x, lambda way: terms.along(Way(still, alpha, before=way)))
+
+
+class _Owed(NamedTuple):
+    """What J owes to loads, by the equations without free motions and with them, to the equations of contact, and to
+    prescribed displacements, with what supports bear of it; and the number of points on a border."""
+
+    response: FloatArray
+    load: FloatArray
+    contact: Change
+    prescribed: FloatArray
+    reaction: FloatArray
+    border: int
+
+
+def _with_terms(
+    solved: Callable[[FloatArray], _Owed], of_u: FloatArray, of_x: FloatArray, terms: TransposedTerms, over: Reductions
+) -> _Owed:
+    """With the transposed geometric terms, by the fixed-point iteration of `sensitivity`; collective."""
+    point, mixing, left = np.zeros_like(of_u), Anderson(MOST, over), np.inf
+    for _ in range(MOST):
+        found = solved(of_u + point)
+        change = terms.owed(found.load, found.prescribed, found.contact, of_x) - point
+        size = over.norm(of_u + point + change)
+        left = over.norm(change) / size if size > 0.0 else 0.0
+        if left <= _SETTLED:
+            break
+        point = mixing.next(point.ravel(), change.ravel(), 1.0).reshape(point.shape)
+    if left > NEARLY:
+        raise ValueError(
+            f"the geometric terms of gradients do not settle, by a part of {left:.0e}: the answer is nearly one of "
+            "several, or was found with too large a tolerance"
+        )
+    return found
+
+
+_SETTLED: Final = 1e-9
+"""Change of what J owes to the displacement over itself at which geometric terms are found."""
 
 
 def _gradient(
-    problem: DiscreteProblem, x: FloatArray, u: FloatArray, of_x: FloatArray, of_u: FloatArray, firm: bool
+    problem: DiscreteProblem,
+    x: FloatArray,
+    u: FloatArray,
+    of_x: FloatArray,
+    of_u: FloatArray,
+    firm: bool,
+    moving: _Moving | None,
 ) -> Gradient:
     """With points on a border closed, sticking where they may (`firm`), or open, and slipping; collective."""
     surface, still = problem.surface, unloaded(problem.loading)
@@ -244,26 +308,36 @@ def _gradient(
         along = np.zeros(0) if loaded.state.rigid is None else loaded.state.rigid.e
         return loaded.linear.free_displacement, along
 
-    free, along = response(of_u)
+    body, before = problem.elasticity, problem.before
     undetermined: FloatArray = np.zeros((len(surface.nodes), 2))
     if surface.slip_prescribed:
         undetermined = directions_on_supports(row_products(surface.free_B, surface.points)[:, 1:, 1:])
-    of_x = of_x - surface.rows(free).ravel()
-    owed, border = adjoint(problem.friction_problem, x, of_x, along, undetermined, firm)
-    whole = of_u + surface.at_nodes(owed.b)
-    v, body, before = response(whole)[0], problem.elasticity, problem.before
-    reaction = whole - body.internal_force(v) + body.spring_force(v)
-    v = problem.moved(v, owed.e)
-    start = None
-    if before is not None:  # slip counts from there, and supports that have begun and locked bolts move on from there
-        start = body.after_transposed(problem.time, before.time, reaction)
+
+    def solved(of_u: FloatArray) -> _Owed:
+        free, along = response(of_u)
+        of_forces = of_x - surface.rows(free).ravel()
+        owed, border = adjoint(problem.friction_problem, x, of_forces, along, undetermined, firm)
+        whole = of_u + surface.at_nodes(owed.b)
+        v = response(whole)[0]
+        reaction = whole - body.internal_force(v) + body.spring_force(v)
+        prescribed = body.held.held_part(body.reduction.transferred(reaction)[: len(u)])
+        return _Owed(v, problem.moved(v, owed.e), owed, prescribed, reaction, border)
+
+    found = solved(of_u) if moving is None else _with_terms(solved, of_u, of_x, moving.by_u, Reductions(problem.comm))
+    v, owed, start = found.load, found.contact, None
+    if moving is not None:
+        before_terms = moving.by_before
+        if before_terms is not None:
+            start = before_terms.owed(v, found.prescribed, owed, of_x)
+    elif before is not None:  # slip counts from there, and supports that have begun and locked bolts move on from there
+        start = body.after_transposed(problem.time, before.time, found.reaction)
         start -= surface.at_nodes(owed.b.reshape(-1, 3) * [0.0, 1.0, 1.0])
     return Gradient(
         friction=owed.bound * np.maximum(x[0::3], 0.0),
         bound=owed.bound,
         gap=-owed.b[0::3],
         load=v,
-        prescribed=body.held.held_part(body.reduction.transferred(reaction)[: len(u)]),
+        prescribed=found.prescribed,
         young={
             member.name: -member.body.work_in_cells(
                 u[member.nodes], v[member.nodes], None if part.temperature is None else part.temperature.change
@@ -272,7 +346,7 @@ def _gradient(
             if isinstance(member.body, Elasticity)
         },
         pretension={one.face: 0.0 if one.locked else one.shortening for one in body.constraints.bolts_at(v)},
-        border=border,
+        border=found.border,
         loose=None,
         before=start,
         lagrangian=Lagrangian(

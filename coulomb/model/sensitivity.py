@@ -126,8 +126,8 @@ def sensitivities(
 
 
 _SETTLED: Final = 1e-7
-_NEARLY: Final = 1e-6
-_MOST: Final = 30
+NEARLY: Final = 1e-6
+MOST: Final = 30
 """Change of a derivative over itself at which geometric terms are found, or after the most iterations are taken."""
 
 _SLIGHT: Final = 1e-6
@@ -219,9 +219,9 @@ class _Answer:
         """With geometric terms, by a fixed-point iteration with Anderson acceleration, from answers without; `ways` are
         those of the inputs by themselves; collective."""
         over, found, posed = self._over, list(solved), list(rights)
-        mixing, left = [Anderson(_MOST, over) for _ in rights], np.full(len(rights), np.inf)
+        mixing, left = [Anderson(MOST, over) for _ in rights], np.full(len(rights), np.inf)
         points, least = [self._joined(one, sign) for one in found], _SLIGHT * over.norm(self._u)
-        for _ in range(_MOST):
+        for _ in range(MOST):
             moving = [k for k, size in enumerate(left) if size > _SETTLED]
             if not moving:
                 break
@@ -233,7 +233,7 @@ class _Answer:
                 size = max(over.norm(point), least)
                 left[k] = over.norm(point - points[k]) / size if size > 0.0 else 0.0
                 points[k] = mixing[k].next(points[k], point - points[k], 1.0)
-        if not np.all(left <= _NEARLY):
+        if not np.all(left <= NEARLY):
             raise ValueError(
                 f"the geometric terms of sensitivities do not settle, by a part of {np.max(left):.0e}: the answer is "
                 "nearly one of several, or was found with too large a tolerance"

@@ -9,7 +9,7 @@ evaluations of the contact surface as on a small one.  Those are without solves,
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -17,6 +17,7 @@ import numpy.typing as npt
 import scipy.sparse
 
 from ..arrays import FloatArray
+from ..fem.bodies import Member
 from ..fem.contact import facet_patch
 from ..linalg.reductions import Reductions, concatenated
 from .discrete_problem import DiscreteProblem
@@ -33,6 +34,9 @@ _RINGS: Final = 4
 
 _OTHER: Final = 1e-5
 """Change of the values that is not by the nodes on which they are taken to depend, over the whole change."""
+
+
+_Face = tuple[Member, npt.NDArray[np.int32]]
 
 
 def contact_along_places(answer: DiscreteProblem, values: Callable[[ContactState], FloatArray]) -> FloatArray:
@@ -58,7 +62,7 @@ def contact_along_places(answer: DiscreteProblem, values: Callable[[ContactState
                 found.append(values(answer.body.shifted(answer.state, there, answer.before)))
         return concatenated(answer.comm, (found[0] - found[1]) / (2.0 * h))
 
-    rows, beside = _rows(answer), _beside(answer)
+    rows, beside = nodes_of_points(answer), nodes_beside(answer, _contact_faces(answer))
     on_faces = np.flatnonzero(np.diff(beside.indptr))
     ways = np.zeros((total, 3))
     ways[on_faces] = np.random.default_rng(31).uniform(-1.0, 1.0, (len(on_faces), 3))
@@ -68,7 +72,7 @@ def contact_along_places(answer: DiscreteProblem, values: Callable[[ContactState
         found = _by_colours(rows, change, _OTHER * size)
         if found is not None and abs(float(np.sum(whole)) - float(np.vdot(found, ways))) <= _OTHER * size:
             return found[first : first + len(body.x)]
-        rows = _pattern(rows @ beside)
+        rows = pattern(rows @ beside)
     raise ValueError(
         "along places: what contact points owe to them is not of nodes near, or has a kink, "
         "as the gaps of faces of second order that lie flat on each other"
@@ -80,7 +84,7 @@ def _by_colours(
 ) -> FloatArray | None:
     """Derivatives of the sum along the places of nodes of all ranks, shape (nodes, 3), where points depend on the nodes
     in their rows alone; None if a value changes by more with others; collective."""
-    found, colours = np.zeros((rows.shape[1], 3)), _colours(rows)
+    found, colours = np.zeros((rows.shape[1], 3)), colours_of(rows)
     for colour in range(int(colours.max(initial=-1)) + 1):
         moved = np.flatnonzero(colours == colour)
         of = rows[:, moved].tocoo()
@@ -95,40 +99,44 @@ def _by_colours(
     return found
 
 
-def _rows(answer: DiscreteProblem) -> scipy.sparse.csr_matrix:
+def nodes_of_points(answer: DiscreteProblem) -> scipy.sparse.csr_matrix:
     """The nodes in the rows of each contact point, over all ranks (m, nodes)."""
     starts, columns, _ = answer.surface.B.getValuesCSR()
     before = answer.comm.exscan(len(answer.surface.nodes)) or 0
     point = before + np.repeat(np.arange(len(starts) - 1) // 3, np.diff(starts))
     pairs = concatenated(answer.comm, np.column_stack([point, columns // 3]).astype(np.int64))
     shape = int(pairs[:, 0].max(initial=-1)) + 1, answer.elasticity.numbering.total
-    return _pattern(scipy.sparse.csr_matrix((np.ones(len(pairs)), pairs.T), shape))
+    return pattern(scipy.sparse.csr_matrix((np.ones(len(pairs)), pairs.T), shape))
 
 
-def _beside(answer: DiscreteProblem) -> scipy.sparse.csr_matrix:
-    """The nodes that are on a facet of a contact face with each, over all ranks (nodes, nodes)."""
+def _contact_faces(answer: DiscreteProblem) -> list[_Face]:
+    names = dict.fromkeys(face for one in answer.contacts for face in (one.face, one.against) if face)
+    return [answer.elasticity.face(name, "contact") for name in names]
+
+
+def nodes_beside(answer: DiscreteProblem, faces: Sequence[_Face]) -> scipy.sparse.csr_matrix:
+    """The nodes that are on a facet of some faces with each, over all ranks (nodes, nodes); collective."""
     body, total = answer.elasticity, answer.elasticity.numbering.total
     found = scipy.sparse.csr_matrix((total, total))
-    for name in dict.fromkeys(face for one in answer.contacts for face in (one.face, one.against) if face):
-        member, facets = body.face(name, "contact")
+    for member, facets in faces:
         nodes = facet_patch(member.body, facets).nodes
         numbers = concatenated(answer.comm, body.numbers_of(member, nodes.ravel()).reshape(nodes.shape))
         pairs = np.repeat(np.arange(len(numbers)), numbers.shape[1]), numbers.ravel()
         on = scipy.sparse.csr_matrix((np.ones(numbers.size), pairs), (len(numbers), total))
         found = found + on.T @ on
-    return _pattern(found)
+    return pattern(found)
 
 
-def _pattern(matrix: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+def pattern(matrix: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
     matrix = matrix.tocsr()
     matrix.sum_duplicates()
     matrix.data[:] = 1.0
     return matrix
 
 
-def _colours(rows: scipy.sparse.csr_matrix) -> npt.NDArray[np.int64]:
+def colours_of(rows: scipy.sparse.csr_matrix) -> npt.NDArray[np.int64]:
     """Colours of the nodes, -1 of those in no row, by which no two in one row have the same, shape (nodes,)."""
-    together = _pattern(rows.T @ rows)
+    together = pattern(rows.T @ rows)
     colours = np.full(together.shape[0], -1, dtype=np.int64)
     for node in np.flatnonzero(np.diff(together.indptr)):
         taken = colours[together.indices[together.indptr[node] : together.indptr[node + 1]]]

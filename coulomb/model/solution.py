@@ -342,8 +342,8 @@ class Solution:
             later: The gradient of the load step after, through which J owes to this answer as well.
 
         Raises:
-            ValueError: In large motions, with foundations under load, with heat, or in a load step where friction
-                depends on the slip rate.
+            ValueError: With foundations under load, with heat, or in a load step where friction depends on the slip
+                rate.
         """
         return gradient(self.problem, self.contact_force, self.displacement, contact_force, displacement, later)
 

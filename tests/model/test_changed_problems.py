@@ -152,7 +152,7 @@ def waves(size):
 def loaded_pair(change=0.0):
     """Two bodies, of which one has mean dilatations, under loads of all kinds; of their faces only those that touch are
     plane."""
-    lower, upper = coulomb.box((1.0, 1.0, 0.5), (1, 1, 1)), coulomb.box((0.8, 0.8, 0.4), (2, 1, 1))
+    lower, upper = coulomb.box((1.0, 1.0, 0.5), (1, 1, 1)), coulomb.box((0.8, 0.8, 0.4), (1, 1, 1))
     lower = coulomb.moved(lower, lambda x: 0.1 * (0.5 - x[2]) * np.sin([x[1], x[0], x[0] * x[1]]))
     upper = coulomb.moved(upper, lambda x: 0.1 * x[2] * np.sin([x[1], x[0], x[0] * x[1]]))
     upper = coulomb.moved(upper, (0.13, 0.11, 0.54), coulomb.Rotation((0.0, 0.0, 0.0), (1.0, 2.0, 0.0), 0.02))

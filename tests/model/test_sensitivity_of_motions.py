@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 from conftest import run_coulomb
+from drawn_block import backwards, weights
 
 import coulomb
 
@@ -57,10 +58,10 @@ def differs(make, inputs, times=(1.0,), h=1e-4):
     return worst
 
 
-def on_a_ball(friction=1.0, pressed=1.0, pulled=1.0, young=1.0, far=1.0):
+def on_a_ball(friction=1.0, pressed=1.0, pulled=1.0, young=1.0, far=1.0, cells=(2, 2, 1)):
     """A rubber block that is turned on a ball, which moves."""
     return coulomb.ContactProblem(
-        coulomb.box((1.0, 1.0, 0.5), (2, 2, 1)),
+        coulomb.box((1.0, 1.0, 0.5), cells),
         coulomb.NeoHookean(1e6 * young, 0.3),
         [
             coulomb.PrescribedRotation("top", (0.4, 0.5, 0.5), (0.0, 0.1, 1.0), 0.1 * pulled, [(0, 0), (1, 1)], "free"),
@@ -173,6 +174,31 @@ def under_a_tool(friction=1.0, pressed=1.0, young=1.0, pushed=1.0, far=1.0):
 def test_along_motions_they_are_those_of_central_differences(make, times, inputs):
     worst = differs(make, inputs, times)
     assert max(worst.values()) < 1e-6, worst
+
+
+def test_backwards_along_motions_they_agree_with_those_forward():
+    """The adjoint, of the sum of a function over the steps, with what it owes to the loads as they are at each."""
+    answers, forward, earlier = [], {}, []
+    for step in coulomb.LoadHistory([1.0, 2.0], tolerance=1e-12).steps(on_a_ball(cells=(1, 1, 1))):
+        answers.append(step.solution)
+        earlier, (of_x, of_u) = step.solution.sensitivities(earlier), weights(step.solution)
+        for one in earlier:
+            value = np.sum(of_x * one.contact_force) + np.sum(of_u * one.displacement)
+            forward[one.name] = forward.get(one.name, 0.0) + value
+    owed = dict.fromkeys(forward, 0.0)
+    for answer, gradient in backwards(answers):
+        problem, bound = answer.problem, gradient.bound * answer.slip_bound
+        body, before = problem.elasticity, problem.before
+        rates = [one.body.prescribed_rate(before and before.time) for one in body.members]
+        owed[f"friction of {problem.surface.faces[0]!r}"] += np.sum(bound)
+        owed["prescribed displacements"] += np.sum(gradient.prescribed * np.concatenate(rates))
+        for load in body.loads_in(problem.loading):
+            owed[f"{load.kind} on {load.face!r}"] += np.sum(gradient.load * load.forces)
+    known = {name: value for name, value in owed.items() if not name.startswith(("young", "motion"))}
+    assert known == {name: pytest.approx(forward[name], rel=1e-6, abs=1e-3) for name in known}
+    assert min(map(abs, known.values())) > 1.0
+    with pytest.raises(ValueError, match="small strains alone"):
+        gradient.places()
 
 
 def test_along_a_support_that_begins():

@@ -293,7 +293,7 @@ class HyperelasticBody(NonlinearBody):
         if self.thermal is not None:
             heat = Temperature(float(self._amplitude.value) * self._change, self.thermal.reference, 0.0)
         lasting = sum((one.forces for one in self._keeping_direction(u, time)), np.zeros_like(u))
-        following = sum((one.forces for one in self._following()), np.zeros_like(u))
+        following = sum((one.forces for one in self._following(u)), np.zeros_like(u))
         return Loading(time, inside.load + lasting, dead.prescribed, heat), lasting + following, spring
 
     @property
@@ -304,9 +304,9 @@ class HyperelasticBody(NonlinearBody):
     def _products(self) -> list[CellProducts]:
         return [volume.products for volume in self._volumes]
 
-    def _following(self) -> Iterator[NodalForces]:
-        """The forces of pressures at the present displacement."""
-        self._evaluate_at(self._displacement.x.array[: self.reference.size])
+    def _following(self, u: FloatArray) -> Iterator[NodalForces]:
+        """The forces of pressures at a displacement u (k, 3), at the present time."""
+        self._evaluate_at(u)
         for load, form in zip(self._follow, self._pressure_forms, strict=True):
             yield NodalForces("pressure", load.face, form.vector())
 
@@ -338,8 +338,10 @@ class HyperelasticBody(NonlinearBody):
         return super().follows or bool(self._turning)
 
     def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
-        yield from self._keeping_direction(np.zeros_like(self.x) if self._place is None else self.place.u, loading.time)
-        yield from self._following()
+        u = np.zeros_like(self.x) if self._place is None else self.place.u
+        self._set(loading.time)  # others may have been posed since
+        yield from self._keeping_direction(u, loading.time)
+        yield from self._following(u)
 
     def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
         return self._loaded.shares(reaction)
@@ -354,11 +356,14 @@ class HyperelasticBody(NonlinearBody):
         return None
 
     def strain_energy(self, u: FloatArray) -> float:
+        if self._place is not None:
+            self._set(self.place.loading.time)
         energy = self._value_of(self._energy, u)
         return energy + sum(volume.energy(self._function.x.array) for volume in self._volumes)
 
     def cell_fields(self, u: Any, loading: Loading) -> list[Any]:
         """Cauchy stresses at the cells' midpoints, and the constants of the materials."""
+        self._set(loading.time)
         for volume in self._volumes:
             volume.move(u.x.array)
         stress = ufl.replace(self._cauchy, {self._displacement: u})

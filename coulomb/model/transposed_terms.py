@@ -1,0 +1,118 @@
+"""The matrix of geometric terms along displacements, for their transpose: the adjoint of large motions.
+
+Every row owes to a few nodes near it, so that differences along many nodes at once find all columns
+(`nodes_together`), each of them twice `GeometricTerms.along`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+
+from ..arrays import FloatArray
+from ..fem.meshes import boundary_facets
+from ..linalg.reductions import Reductions
+from ..solvers.derivatives import Change
+from .discrete_problem import DiscreteProblem
+from .geometric_terms import Terms
+from .shape_gradient import colours_of, nodes_beside, nodes_of_points, pattern
+
+_RINGS: Final = 4
+"""Rings of facets around the nodes of a row on which it depends at most."""
+
+_OTHER: Final = 1e-5
+"""Change of the rows by nodes on which they are not taken to depend, over the largest of their kind: gaps of pairs are
+known to as much."""
+
+
+_ROUNDING: Final = 1e-4
+"""Part of internal forces that counts as large: differences of these have rounding errors of 1e-10."""
+
+
+class TransposedTerms:
+    """Of the terms along displacements w (k, 3) of this rank's nodes.
+
+    Args:
+        problem: The linear problem at the answer.
+        x: Its contact forces, newtons, shape (3 m,).
+        along: Terms along w; collective.
+
+    Raises:
+        ValueError: On every rank, if they owe to nodes far away, or have a kink.
+    """
+
+    def __init__(self, problem: DiscreteProblem, x: FloatArray, along: Callable[[FloatArray], Terms]):
+        body, over = problem.elasticity, Reductions(problem.comm)
+        self._over, self._along, self._body = over, along, body
+        extent = max(over.max(axis) - over.min(axis) for axis in body.x.T)
+        force = over.max(np.abs(x)) / extent
+        beside = nodes_beside(problem, [(one, boundary_facets(one.body.domain)) for one in body.members])
+        points = nodes_of_points(problem)
+        before = problem.comm.exscan(len(problem.surface.nodes)) or 0
+        own, first = slice(before, before + len(problem.surface.nodes)), body.numbering.first
+        on_boundary = np.flatnonzero(np.diff(beside.indptr))
+        way = np.zeros((body.numbering.total, 3))
+        way[on_boundary] = np.random.default_rng(37).uniform(-1.0, 1.0, (len(on_boundary), 3))
+        whole = self._stacked(way)
+        internal = over.max(np.abs(body.internal_force(way[first : first + len(body.x)])).ravel())
+        limits = np.maximum(self._sizes(whole), [max(force, _ROUNDING * internal), 1.0, 1.0, force, force])
+        rows = points
+        for _ in range(_RINGS):
+            rows = pattern(rows @ beside)
+            of_nodes = pattern(beside + points.T @ rows)
+            sites = scipy.sparse.vstack([of_nodes[first : first + len(body.x)], rows[own]], format="csr")
+            colours = colours_of(scipy.sparse.vstack([of_nodes, rows], format="csr"))
+            found = self._by_colours(sites, colours, _OTHER * limits)
+            if found is not None and not np.any(self._sizes(whole - found @ way.ravel()) > _OTHER * limits):
+                self._matrix = found
+                return
+        raise ValueError("gradients: what contact owes to the displacement is not of nodes near, or has a kink")
+
+    def owed(self, load: FloatArray, prescribed: FloatArray, owed: Change, components: FloatArray) -> FloatArray:
+        """What a function owes to w by the terms, shape (k, 3), from what it owes to load and prescribed displacements
+        (k, 3), to the equations of contact and to forces along turning frames (m, 3); collective."""
+        blocks = load, prescribed, -owed.b, owed.bound, components
+        whole = self._over.total(self._matrix.T @ np.concatenate([one.ravel() for one in blocks]))
+        first = self._body.numbering.first
+        return whole.reshape(-1, 3)[first : first + len(self._body.x)]
+
+    def _stacked(self, way: FloatArray) -> FloatArray:
+        """The terms along a way of the nodes of all ranks: this rank's rows."""
+        first = self._body.numbering.first
+        found = self._along(way[first : first + len(self._body.x)])
+        blocks = found.load, found.prescribed, found.c, found.bound, found.components
+        self._ends = np.cumsum([one.size for one in blocks])[:-1]
+        return np.concatenate([one.ravel() for one in blocks])
+
+    def _sizes(self, stacked: FloatArray) -> FloatArray:
+        """The largest entry of every kind over all ranks."""
+        return np.array([max(self._over.max(np.abs(one)), 0.0) for one in np.split(stacked, self._ends)])
+
+    def _by_colours(
+        self, sites: scipy.sparse.csr_matrix, colours: npt.NDArray[np.int64], slight: FloatArray
+    ) -> scipy.sparse.csr_matrix | None:
+        """The matrix, if rows owe to nothing but the nodes of their site; None else; collective."""
+        k, m = len(self._body.x), sites.shape[0] - len(self._body.x)
+        at_nodes, at_points = np.repeat(np.arange(k), 3), k + np.repeat(np.arange(m), 3)
+        site = np.concatenate([at_nodes, at_nodes, at_points, k + np.arange(m), at_points])
+        total, triplets = sites.shape[1], []
+        for colour in range(int(colours.max(initial=-1)) + 1):
+            moved = np.flatnonzero(colours == colour)
+            of = sites[:, moved].tocoo()
+            column = np.full(sites.shape[0], -1)
+            column[of.row] = moved[of.col]
+            for axis in range(3):
+                way = np.zeros((total, 3))
+                way[moved, axis] = 1.0
+                values = self._stacked(way)
+                known = (column[site] >= 0) & (values != 0.0)
+                if np.any(self._sizes(np.where(known, 0.0, values)) > slight):
+                    return None
+                rows = np.flatnonzero(known)
+                triplets.append(np.array([values[rows], rows, 3 * column[site[rows]] + axis]))
+        entries, at, columns = np.concatenate(triplets, axis=1) if triplets else np.zeros((3, 0))
+        return scipy.sparse.csr_matrix((entries, (at.astype(int), columns.astype(int))), (len(site), 3 * total))
