@@ -28,14 +28,9 @@ from mpi4py import MPI
 
 from coulomb.case.case import read_case
 from coulomb.linalg.compliance import (
-    EXPLICIT_UP_TO,
-    PREDICTED_UP_TO,
     DirectSolver,
     IterativeSolver,
-    seconds_direct,
-    seconds_multigrid,
 )
-from coulomb.linalg.factors import predicted_work, symbolic
 from coulomb.model.load_history import LoadHistory
 from coulomb.model.problem import ContactProblem
 from coulomb.model.solution import Solution
@@ -61,9 +56,8 @@ RAISED = [[0, 0], [4, 1], [9, 1.3], [19, 0.6], [24, 1]]
 class Row(NamedTuple):
     """A row of parts.csv; seconds from the assembled K to the last certificate, without mesh, assembly and output.
 
-    The processor's seconds are those to compare where the machine has other work.  Predicted are those of both methods,
-    NaN beyond PREDICTED_UP_TO unknowns.  Nodes are counted, and the residual is, after the last load step; path
-    following, products and iterations are those of all.
+    The processor's seconds are those to compare where the machine has other work.  Nodes are counted, and the residual
+    is, after the last load step; path following, products and iterations are those of all.
     """
 
     part: str
@@ -86,11 +80,6 @@ class Row(NamedTuple):
     entries: int
     residual: float
     certified: bool
-    slenderness: float = math.nan
-    near: float = math.nan
-    operations: float = math.nan
-    predicted_direct: float = math.nan
-    predicted_multigrid: float = math.nan
 
 
 class Failure(NamedTuple):
@@ -250,7 +239,7 @@ def run(case: Path, settings: Sequence[str], method: str, tolerance: float, step
         problem = given.problem(MPI.COMM_SELF)
     body = problem.body
     body.stiffness.expect_load_steps(steps)
-    entries, predicted = int(body.elasticity.K.getInfo()["nz_used"]), _predicted(problem, steps)
+    entries = int(body.elasticity.K.getInfo()["nz_used"])
     began, used = time.perf_counter(), time.process_time()
     solver = body.stiffness.solver
     setup = time.process_time() - used
@@ -284,7 +273,6 @@ def run(case: Path, settings: Sequence[str], method: str, tolerance: float, step
         entries=entries,
         residual=residual,
         certified=certified and residual <= tolerance,
-        **predicted,
     )
 
 
@@ -293,23 +281,6 @@ def _solved(problem: ContactProblem, tolerance: float) -> Solution:
         return problem.solve(tolerance)
     except NotConverged as failure:
         return problem.solution(failure.result)
-
-
-def _predicted(problem: ContactProblem, steps: int) -> dict[str, float]:
-    """What is predicted of both methods; before the time is taken, as the order of elimination is found for it."""
-    body, known = problem.body, problem.body.stiffness.measures
-    if known.displacement > PREDICTED_UP_TO:
-        return {"slenderness": known.slenderness, "near": known.near}
-    formed = body.stiffness.interface <= EXPLICIT_UP_TO
-    last = problem.surface.nodes_in_rows[: None if formed else 0]
-    work = predicted_work(symbolic(body.elasticity.K, body.elasticity.x, last))
-    return {
-        "slenderness": known.slenderness,
-        "near": known.near,
-        "operations": work.operations,
-        "predicted_direct": seconds_direct(work, known.contact, steps, body.stiffness.precision, formed=formed),
-        "predicted_multigrid": seconds_multigrid(known, steps),
-    }
 
 
 def over_better(row: Row, results: Sequence[Row | Failure]) -> float | None:

@@ -1,4 +1,4 @@
-"""Shape, gaps and supports of bodies, on which the use of multigrid depends."""
+"""Shape, materials and supports of bodies, on which the use of factors and multigrid depends."""
 
 from __future__ import annotations
 
@@ -12,14 +12,12 @@ from ..fem.bodies import (
     by_group,
     component_modes,
     diagonal_of,
-    largest_poisson,
     null_space,
     of_components,
 )
-from ..fem.contact import ContactSurface
 from ..fem.geometry import of_place
-from ..fem.meshes import aspects, volume
-from ..linalg.compliance import Measures, SoftMotions
+from ..fem.meshes import volume
+from ..linalg.compliance import SoftMotions
 from ..linalg.reductions import Reductions
 
 _SOFT: Final = 1e-2
@@ -63,92 +61,8 @@ def soft_motions(elasticity: Deformable) -> SoftMotions | None:
     return SoftMotions(elasticity.comm, R.reshape(3 * len(R), R.shape[2]), KR.reshape(3 * len(KR), KR.shape[2]))
 
 
-_NEAR: Final = 1e-3  # of the diagonal of the bodies, about as far as small strains let their surfaces move
-
-_TETRAHEDRA = 1.0 + np.sqrt(2.0)  # aspect of six that fill a cube
-
 _BENDS: Final = 25.0  # cube of the diagonal of a body over its volume: 12 for the block, 27 to 77 for parts that bend
 _APART: Final = 1e3  # largest over smallest Young's modulus
-
-
-def slenderness_of(surface: ContactSurface, elasticity: Deformable) -> float:
-    """Square root of the contact area, over volume by contact area: 1.6 for the block, 21 for a thin plate; collective.
-
-    A thin body deforms far from where it is pressed: path following takes more steps and products there (46 steps and
-    250 products on a bracket of slenderness 5 where the block takes 21 and 90, both from equal pressure).
-    """
-    over = Reductions(elasticity.comm)
-    area = over.sum(surface.area)
-    return float(area**1.5) / sum(over.sum(volume(member.body.mesh)) for member in elasticity.members)
-
-
-def near_part(surface: ContactSurface, elasticity: Deformable) -> float:
-    """Part of the contact face, by area, whose gap exceeds the smallest by at most 1e-3 diagonals; collective.
-
-    1 for a face on its plane, 0.05 for a half ring on a plane: most of its nodes stay open whatever happens.
-    """
-    over, gap = Reductions(elasticity.comm), surface.gap
-    near = gap <= over.min(gap) + _NEAR * np.linalg.norm(over.extent(elasticity.x))
-    return over.sum(surface.area[near]) / over.sum(surface.area)
-
-
-def measures_of(surface: ContactSurface, elasticity: Deformable, displacement: int, contact: int) -> Measures:
-    """What decides how long multigrid takes, with the unknowns of all ranks; collective."""
-    bodies = [member.body for member in elasticity.members]
-    return Measures(
-        displacement,
-        contact,
-        slenderness_of(surface, elasticity),
-        near_part(surface, elasticity),
-        any(body.mesh.tetrahedra for body in bodies),
-        len(elasticity.free) > 0,
-        any(body.degree == 2 for body in bodies),
-        aspect_of(elasticity),
-        elongation_of(surface, elasticity),
-        max((largest_poisson(body.materials) for body in bodies if body.materials is not None), default=0.0),
-    )
-
-
-def aspect_of(elasticity: Deformable) -> float:
-    """Aspect of the cells in the mean over a body, over that of cubes, or of the tetrahedra that fill one; of the body
-    where it is largest; collective."""
-    over, found = Reductions(elasticity.comm), []
-    for member in elasticity.members:
-        each = aspects(member.body.mesh)
-        usual = _TETRAHEDRA if member.body.mesh.tetrahedra else 1.0
-        found.append(over.sum(each) / (over.sum(float(len(each))) * usual))
-    return max(found)
-
-
-def elongation_of(surface: ContactSurface, elasticity: Deformable) -> float:
-    """Square of the diagonal of a contact face over its area, of the face where it is largest; collective."""
-    over, found = Reductions(elasticity.comm), []
-    for number in range(len(surface.faces)):
-        here = surface.part == number
-        found.append(float(np.sum(over.extent(surface.x[here]) ** 2)) / over.sum(surface.area[here]))
-    return max(found)
-
-
-def on_soft_springs(elasticity: Deformable) -> bool:
-    """Whether springs alone resist a rigid motion of all bodies, and hardly; collective.
-
-    A motion by 1 m in the root mean square takes less than `_SOFT` of E V^(1/3) (E the largest Young's modulus, V the
-    volume).  Contact forces then move the bodies much farther than they deform them: path following by multigrid takes
-    three to ten times as many iterations as predicted, although these motions are computed apart.
-    """
-    over, K = Reductions(elasticity.comm), elasticity.K
-    near = K.getNearNullSpace()
-    if near is None or elasticity.free or elasticity.ground is None:
-        return False
-    modes, image = near.getVecs(), K.createVecLeft()
-    stiffness = np.empty((len(modes), len(modes)))
-    for k, mode in enumerate(modes):
-        K.mult(mode, image)
-        stiffness[:, k] = [image.dot(other) for other in modes]
-    image.destroy()
-    size = sum(over.sum(volume(member.body.mesh)) for member in elasticity.members) ** (1.0 / 3.0)
-    softest = float(np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T))[0]) * over.sum(float(len(elasticity.x)))
-    return bool(softest < _SOFT * max(_moduli(elasticity), default=0.0) * size)
 
 
 def ill_conditioned(elasticity: Deformable) -> bool:

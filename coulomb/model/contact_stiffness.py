@@ -21,22 +21,21 @@ from ..fem.contact import ContactSurface
 from ..fem.geometry import inverse_frames
 from ..linalg.compliance import (
     EXPLICIT_UP_TO,
+    LEAST,
     BodyCompliance,
     DirectSolver,
     IterativeSolver,
     LinearResponseCache,
     LinearSolver,
     MatrixFreeCompliance,
-    Measures,
-    Precision,
     SchurCompliance,
     SoftMotions,
     StiffnessSolver,
     chosen,
-    factorise,
     fits,
     patience,
     undecided,
+    worth,
 )
 from ..linalg.factors import (
     FirstRankSolver,
@@ -49,11 +48,11 @@ from ..linalg.factors import (
     usual_work,
 )
 from ..linalg.reductions import Reductions
-from ..linalg.solve_errors import CGNotConverged
+from ..linalg.solve_errors import CGNotConverged, TooSlow
 from ..solvers.condensed import CondensedSystem
 from ..solvers.newton_systems import DenseSystem
 from .certificate_scales import EPSILON, largest_motions, lengths, rounding_forces
-from .conditioning import ill_conditioned, measures_of, on_soft_springs, soft_motions
+from .conditioning import ill_conditioned, soft_motions
 from .memory import first_room
 from .provenance import timed
 
@@ -68,6 +67,9 @@ _DENSE_UP_TO: Final = 6000
 _DOUBLE_FROM, _DOUBLE_UP_TO = 8, 50_000
 """Load steps from which, and displacement unknowns up to which (half a gigabyte), factors in double precision take less
 time in all than in single precision."""
+
+_SOLVED: Final = 1e-8
+"""Accuracy of the solution whose iterations decide between multigrid and factors."""
 
 _FLAT: Final = 1e4
 """Length of a cell over its thickness from which its shape is named as the cause of a singular stiffness."""
@@ -188,6 +190,26 @@ class FixedStiffness:
         """The motions on soft springs that multigrid computes apart."""
         return None if self.method.linear_solver is DirectSolver else soft_motions(self.elasticity)
 
+    def iterations_within(self, most: float) -> float:
+        """Of multigrid for the displacements under 1 N along the normal of every contact point, to 1e-8; inf if they
+        are more than `most`, the same number on all ranks; collective."""
+        solver, B = self.solver, self._reference.free_B
+        assert isinstance(solver, IterativeSolver)
+        f, u = self.elasticity.K.createVecs()
+        pressed = B.createVecLeft()
+        pressed.array[0::3] = 1.0
+        B.multTranspose(pressed, f)
+        solver.allow(most)
+        try:
+            solver.solve(f, u, _SOLVED)
+        except (TooSlow, CGNotConverged):
+            return math.inf
+        finally:
+            solver.allow(math.inf)
+            for vector in (pressed, f, u):
+                vector.destroy()
+        return solver.iterations
+
     @cached_property
     def _compliance(self) -> BodyCompliance:
         """A in the reference frames."""
@@ -221,7 +243,7 @@ class ContactStiffness:
         elasticity: The body.
         references: The contact surfaces in whose frames A is computed, by which bolts are locked.
         unknowns: Of displacement and contact, over all ranks.
-        linear_solver: The solver class for K^-1; None for the one that is predicted to be faster.
+        linear_solver: The solver class for K^-1; None for the one that is expected to be faster.
         explicit: Whether A is formed; None for the choice by size.
         seconds: Dictionary to which wall times are added.
 
@@ -245,13 +267,14 @@ class ContactStiffness:
         self._rounding: tuple[object, FloatArray] | None = None
         self._latest: FixedStiffness | None = None
         self._factors_of: set[tuple[bool, ...]] = set()
-        self._work: Work | None = None
+        self._patience = math.inf
 
     # --- K^-1 and A ---------------------------------------------------------------------------------------------------
 
     def of(self, elasticity: Deformable, seconds: dict[str, float] | None = None) -> FixedStiffness:
         """K^-1 and A of the body in a state, the last of which are kept; wall times are added to `seconds`."""
-        known, method = self._latest, self.present
+        method = self.present
+        known = self._latest
         if known is None or known.elasticity.K is not elasticity.K or known.method is not method:
             self.elasticity, spent = elasticity, self._seconds if seconds is None else seconds
             many = elasticity.constraints.locked not in self._factors_of and self.in_double
@@ -339,21 +362,24 @@ class ContactStiffness:
 
     @property
     def _first(self) -> Method:
-        """The given method, or the one that is predicted to be faster; bodies of the user's forms are judged by size;
-        collective."""
+        """The given method, or by the first solution the one that is expected to be faster; collective."""
         comm, m, (linear_solver, explicit) = self.comm, self.interface, self._given
         n = self._unknowns["displacement"]
-        if not undecided(n, m, linear_solver, explicit) or self.elasticity.forms() is not None:
+        if not undecided(n, m, linear_solver, explicit):
             return Method(*chosen(n, m, comm.size, linear_solver, explicit))
         with timed(self._seconds, "stiffness"):
             formed = m <= EXPLICIT_UP_TO
-            found, work = self._fronts(formed)
-            soft, room = on_soft_springs(self.elasticity), first_room(comm)
-            direct = factorise(work, self.measures, self.load_steps, soft, self.precision, room, comm.size, formed)
-            if not comm.bcast(direct):  # sums over the ranks may differ by rounding errors
-                self._work = work
-                return Method(IterativeSolver, False)
-        return Method(DirectSolver, formed, fronts=found)
+            fronts, work = self._fronts(formed)
+            unheld = len(self.elasticity.free) > 0
+            most = worth(work, n, m, self.load_steps, self._single, formed, comm.size, unheld)
+            most = comm.bcast(most) if self._fit(work, formed) else math.inf
+            if most >= LEAST:
+                trial = FixedStiffness(self.elasticity, self._reference, Method(IterativeSolver, False), self._seconds)
+                taken = trial.iterations_within(most) if math.isfinite(most) else 0.0
+                if math.isfinite(taken):
+                    self._latest, self._patience = trial, comm.bcast(patience(taken, most))
+                    return trial.method
+        return Method(DirectSolver, formed, fronts=fronts)
 
     def _fronts(self, contact_last: bool) -> tuple[list[Front] | None, Work]:
         """The fronts of K on one rank, and what a factorisation takes; collective."""
@@ -365,14 +391,13 @@ class ContactStiffness:
 
     @contextmanager
     def limited(self, solver: StiffnessSolver) -> Iterator[None]:
-        """No more iterations of multigrid than its `patience`, where it was chosen by predicted time and the factors
-        fit into the memory; collective."""
-        formed, work = self.interface <= EXPLICIT_UP_TO, self._work
-        if work is None or not isinstance(solver, IterativeSolver) or not self._fit(work, formed):
+        """No more iterations of multigrid in a load step than it has patience for, where it was chosen by its first
+        solution: then it does not contract as expected, and has taken as long as the step takes with factors;
+        collective."""
+        if not isinstance(solver, IterativeSolver):
             yield
             return
-        allowed = patience(work, self.measures, self.load_steps, self.precision, self.comm.size, formed)
-        solver.allow(self.comm.bcast(allowed))
+        solver.allow(self._patience)
         try:
             yield
         finally:
@@ -400,7 +425,7 @@ class ContactStiffness:
 
     def _fit(self, work: Work, formed: bool) -> bool:
         """Whether factors of K fit into the memory, where A is formed or not, the same on all ranks; collective."""
-        return bool(self.comm.bcast(fits(work, self.precision is Precision.SINGLE, first_room(self.comm), formed)))
+        return bool(self.comm.bcast(fits(work, self._single, first_room(self.comm), formed)))
 
     def change_method(self, why: str, condense: bool = False) -> bool:
         """To the next method, if there is one, and its factors fit into the memory; condensed Newton systems only if
@@ -419,7 +444,7 @@ class ContactStiffness:
             self._methods = [replace(then, why=f"{why}; {then.words} instead", fronts=fronts), *others]
             self._latest = self._rounding = None
             self._factors_of.clear()
-        self._work = None  # and no limit
+        self._patience = math.inf
         return fit
 
     @property
@@ -429,17 +454,10 @@ class ContactStiffness:
             return '; with linear_solver = "auto" or "direct" products by A are more accurate'
         return ""
 
-    @cached_property
-    def measures(self) -> Measures:
-        """What decides how long multigrid takes; collective."""
-        return measures_of(self._reference, self.elasticity, self._unknowns["displacement"], self.interface)
-
     @property
-    def precision(self) -> Precision:
-        """Expected of factors of K; collective."""
-        if self.in_double:
-            return Precision.DOUBLE
-        return Precision.REPEATED if ill_conditioned(self.elasticity) else Precision.SINGLE
+    def _single(self) -> bool:
+        """Whether factors of K are expected to be in single precision where that is faster; collective."""
+        return not self.in_double and not ill_conditioned(self.elasticity)
 
     @property
     def in_double(self) -> bool:

@@ -26,9 +26,7 @@ def test_both_methods_find_the_same_contact():
         assert row.certified and row.residual <= 1e-8 and 0.0 < row.setup_processor_seconds < row.processor_seconds
         assert 3 * (row.open + row.stick + row.slip) == row.contact < row.unknowns
         assert row.entries > 27 * row.unknowns  # at least nine nodes are coupled with each, on average
-    assert rows[0][2:8] == rows[1][2:8] and rows[0][-5:] == rows[1][-5:]
-    assert rows[0].near == 1.0 and rows[0].operations > 1e7 and 2.3 < rows[0].slenderness < 2.4
-    assert 0.0 < rows[0].predicted_direct < rows[0].predicted_multigrid < 2.0
+    assert rows[0][2:8] == rows[1][2:8]
     assert rows[1].multigrid_iterations > rows[1].products > 0
 
 
@@ -47,7 +45,6 @@ def test_load_steps(method):
     one, four, five = (run(case, cells, method, 1e-8, steps) for steps in (1, 4, 5))
     assert four[4:8] == one[4:8] and four.certified and five.certified and (four.load_steps, one.load_steps) == (4, 1)
     assert one.products < four.products < five.products and one.path_following < four.path_following
-    assert four.predicted_direct > one.predicted_direct and four.predicted_multigrid > 3.0 * one.predicted_multigrid
     assert (one.multigrid_iterations < four.multigrid_iterations) == (method == "iterative")
 
 

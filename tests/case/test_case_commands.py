@@ -12,14 +12,11 @@ import pytest
 import typer.testing
 from conftest import ROOT, make_block, run_coulomb, run_script
 
-import coulomb
 from benchmarks.estimates import measure
 from coulomb.cli import app as cli
 from coulomb.cli.preparation import gigabytes
-from coulomb.fem.meshes.named_mesh import volume
 from coulomb.linalg.compliance.predicted_cost import DIRECT_UP_TO, chosen
 from coulomb.linalg.compliance.stiffness import DirectSolver, IterativeSolver
-from coulomb.model.conditioning import slenderness_of
 from coulomb.model.memory import free_memory, memory_needed
 
 SMALL = {
@@ -115,22 +112,6 @@ def test_estimates_follow_the_method():
     direct.body.stiffness.expect_load_steps(24)
     assert direct.body.memory() > before
     assert gigabytes(2.34e8) == "0.23 GB" and gigabytes(1.234e11) == "123 GB"
-
-
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-def test_slenderness_of_a_plate(cell):
-    """Volume by the cells, thickness from it: sqrt(2)/0.1 against the block's 1.7."""
-    plate = coulomb.ContactProblem(
-        coulomb.box((2.0, 1.0, 0.1), (8, 4, 2), cell),
-        coulomb.Material(2e11, 0.3),
-        [coulomb.Clamp("left")],
-        coulomb.Contact("bottom", 0.3),
-    )
-    held = 1.0 - plate.surface.area.sum() / 2.0  # the share of the face that belongs to held nodes
-    assert volume(plate.mesh) == pytest.approx(0.2, rel=1e-12)
-    assert slenderness_of(plate.surface, plate.elasticity) == pytest.approx(
-        (2.0 * (1.0 - held)) ** 1.5 / 0.2, rel=1e-12
-    )
 
 
 def test_the_choice_by_size():

@@ -20,7 +20,7 @@ from .lagrange import (
 from .mesh_file import MeshFile
 from .mesh_parts import SAME_PLACE, boundary_facets, corners_of, local_facets
 from .meshes import box, distributed, first_order, known_format, polygon, read_file, read_mesh, read_xdmf, second_order
-from .named_mesh import SEPARATOR, JoinedMesh, NamedMesh, aspects, moved, volume, with_surfaces
+from .named_mesh import SEPARATOR, JoinedMesh, NamedMesh, moved, volume, with_surfaces
 from .nodal_field import NodalField
 from .refinement import refined
 from .slices import AXISYMMETRIC, FORMS_IN_2D, Slice

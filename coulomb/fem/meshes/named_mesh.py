@@ -251,15 +251,6 @@ _SIX = ((0, 1, 3, 7), (0, 1, 7, 5), (0, 5, 7, 4), (0, 3, 2, 7), (0, 6, 4, 7), (0
 """A hexahedron with DOLFINx's order of corners as six tetrahedra."""
 
 
-def aspects(named: NamedMesh) -> FloatArray:
-    """Longest over shortest extent of this rank's own cells along their principal axes, by their corners, shape (k,):
-    1 for a cube or a regular tetrahedron, 1 + sqrt(2) for six tetrahedra that fill a cube."""
-    corners = _own_corners(named.domain)
-    from_middle = corners - corners.mean(axis=1, keepdims=True)
-    squares = np.linalg.eigvalsh(np.einsum("kvi,kvj->kij", from_middle, from_middle))
-    return np.sqrt(squares[:, 2] / squares[:, 0])
-
-
 def volume(named: NamedMesh) -> float:
     """Volume in cubic metres of this rank's own cells by their corners; non-planar faces are split into triangles."""
     corners = _own_corners(named.domain)

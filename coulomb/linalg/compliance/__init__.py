@@ -7,17 +7,14 @@ from .krylov import CarryingKrylov, ConstraintPreconditioner, Constraints, Nodal
 from .low_rank import REPLACED, LinearResponseCache, LowRankApproximation, LowRankUpdate, RecycledColumns
 from .predicted_cost import (
     EXPLICIT_UP_TO,
+    LEAST,
     PREDICTED_UP_TO,
     LinearSolver,
-    Measures,
-    Precision,
     chosen,
-    factorise,
     fits,
     patience,
-    seconds_direct,
-    seconds_multigrid,
     undecided,
+    worth,
 )
 from .schur_compliance import SchurCompliance
 from .stiffness import DirectSolver, IterativeSolver, SoftMotions, StiffnessSolver

@@ -198,22 +198,28 @@ class IterativeSolver:
         if not np.any(sizes):  # a solution 0 among the earlier ones would make the next start undefined
             u.set(0.0)
             return
-        if self.iterations - self._before >= self._allowed:
-            raise TooSlow(
-                f"solutions of K u = f by conjugate gradients with multigrid took {self.iterations - self._before} "
-                f"iterations, and after {self._allowed:.0f} factors of K are expected to be faster"
-            )
+        left = self._allowed - (self.iterations - self._before)
+        if left <= 0.0:
+            raise self._too_slow()
         forces = self._parts.scaled(rhs.array_r, 1.0 / np.where(sizes > 0.0, sizes, 1.0))
         try:
-            self.iterations += self._cg.solve(forces, self._u, max(tolerance, self.tolerance))
+            self.iterations += self._cg.solve(forces, self._u, max(tolerance, self.tolerance), left)
         except CGNotConverged as failure:
             self.iterations += failure.iterations
+            if failure.iterations >= left:
+                raise self._too_slow() from None
             raise
         finally:
             u.array[:] = self._parts.scaled(self._u, sizes)
 
+    def _too_slow(self) -> TooSlow:
+        return TooSlow(
+            f"solutions of K u = f by conjugate gradients with multigrid took {self.iterations - self._before} "
+            f"iterations, and after {self._allowed:.0f} factors of K are expected to be faster"
+        )
+
     def allow(self, iterations: float) -> None:
-        """Begin no solve after so many iterations of all solves from now on, the same number on all ranks; inf for no
+        """Take no more than so many iterations in all solves from now on, the same number on all ranks; inf for no
         limit, as by default."""
         self._before, self._allowed = self.iterations, iterations
 

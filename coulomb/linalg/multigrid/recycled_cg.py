@@ -80,12 +80,12 @@ class RecycledCG:
         self._count, self._next = 0, 0
         self._threads, self._length = threads() if size >= _ALONE else 1, size
 
-    def solve(self, rhs: FloatArray, u: FloatArray, tolerance: float) -> int:
+    def solve(self, rhs: FloatArray, u: FloatArray, tolerance: float, most: float = math.inf) -> int:
         """u <- K^-1 rhs to |rhs - K u| <= tolerance |rhs|; the number of iterations; collective.
 
         Raises:
-            CGNotConverged: On every rank, if the limit was reached, or K or the preconditioner is not positive
-                definite.
+            CGNotConverged: On every rank, if the limit or `most` iterations were reached, or K or the preconditioner is
+                not positive definite.
         """
         size = self._norm(rhs)
         self._start(rhs, u, size)
@@ -94,14 +94,15 @@ class RecycledCG:
         left, rounding = self._sizes(self._r, u)
         rough = self._rough is not None and self._count > 0 and tolerance >= _RECOMPUTED
         rough = rough and rounding <= _ROUGH * tolerance * size
-        iterations = self._iterate(left, size, tolerance, rough, u)
+        limit = math.ceil(min(self._limit, most))
+        iterations = self._iterate(left, size, tolerance, rough, u, limit)
         if iterations > 0:
             u += self._moved
             np.subtract(rhs, self._r, out=self._image)
             image, rounding = self._sizes(self._image, u)
             if rough and rounding > 10.0 * _ROUGH * tolerance * size:
                 self._recompute(rhs, u)
-                iterations += self._iterate(self._norm(self._r), size, tolerance, False, u)
+                iterations += self._iterate(self._norm(self._r), size, tolerance, False, u, limit)
                 u += self._moved
                 np.subtract(rhs, self._r, out=self._image)
                 image = self._norm(self._image)
@@ -139,7 +140,7 @@ class RecycledCG:
         kernels().project(self._length, self._threads, self._count, self._images, r, products)
         return summed(self._comm, products)
 
-    def _iterate(self, left: float, size: float, tolerance: float, rough: bool, u: FloatArray) -> int:
+    def _iterate(self, left: float, size: float, tolerance: float, rough: bool, u: FloatArray, limit: int) -> int:
         """moved <- K^-1 r approximately, r, whose norm is `left`, <- the residual that is left, at most tolerance size.
 
         Raises:
@@ -149,10 +150,10 @@ class RecycledCG:
         mult = self._rough.mult_roughly if rough and self._rough is not None else self._mult
         self._moved[:] = 0.0
         before, goal = 0.0, tolerance * size
-        for iteration in range(self._limit + 1):
+        for iteration in range(limit + 1):
             if left <= goal:
                 return iteration
-            if iteration == self._limit:
+            if iteration == limit:
                 break
             z = self._precondition(r)
             product = self._dot(r, z)
@@ -173,7 +174,7 @@ class RecycledCG:
             left, before = math.sqrt(self._over.sum(square)), product
         if math.isfinite(self._norm(self._moved)):
             u += self._moved
-        raise CGNotConverged(iteration, left / size if size > 0.0 else math.inf, tolerance, iteration < self._limit)
+        raise CGNotConverged(iteration, left / size if size > 0.0 else math.inf, tolerance, iteration < limit)
 
     def _remember(self, u: FloatArray, size: float) -> None:
         """A solution and its image, which has this norm, in place of the oldest one."""
