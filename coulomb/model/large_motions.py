@@ -29,6 +29,7 @@ from ..linalg.reductions import Reductions
 from ..linalg.solve_errors import CGNotConverged
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
+from ..solvers.successive_tresca import Anderson
 from .certificate import LIMIT, Certificate, Evidence, judge, settled_to
 from .certificate_scales import place_of_largest
 from .discrete_problem import DiscreteProblem
@@ -58,6 +59,15 @@ and where other bodies hold them no springs stand for contact."""
 
 _PERTURBED: Final = (1.0, 3.0, 0.3)
 """Amplitudes of the mode of an unstable answer over its largest displacement, one after the other."""
+
+_ASKEW_MOST: Final = 10
+"""Largest number of solutions of a linear problem with forces of the part of the tangent that is not symmetric."""
+
+_ASKEW_PART: Final = 0.01
+"""Change of the displacement over the first such change to which they agree: convergence is quadratic with it."""
+
+_ASKEW_MEMORY: Final = 5
+"""Differences by which they are accelerated."""
 
 _FAR: Final = 1e6
 """Largest displacement over the size of the bodies."""
@@ -192,6 +202,7 @@ class LoadStepLoop:
         for _ in range(_MOST):
             linear = self._linear(here, x, solve, found)
             results.append(linear.result)
+            linear = self._with_askew_part(here, linear, results, solve, found)
             du, surface, compliance = linear.displacement, here.problem.surface, here.problem.mean_compliance
             before, after = (CarriedForces.of(of, surface, points) for of in (x, linear.contact_force))
             known = np.zeros((len(points.nodes), 3))
@@ -231,7 +242,7 @@ class LoadStepLoop:
         reached = results[-1].status if sizes[-1] <= tolerance else Status.STAGNATED
         whole = replace(together(results), x=x, status=reached, residual=certificate["natural residual"].value)
         evidence, certificate = settled_to(evidence, certificate, whole.unsettled)
-        methods = {**linear.methods, "kinematics": "large", "linear_problems": len(results)}
+        methods = {**linear.methods, "kinematics": "large", "linear_problems": len(sizes) - 1}
         methods |= {"definite": True} if self._definite else {}
         return self._answer(here, x, whole, evidence, certificate, at_points, methods, tuple(sizes))
 
@@ -329,6 +340,38 @@ class LoadStepLoop:
             return answer
         self._failed = ""
         raise self._cut(f"a linear problem has no answer: {why}")
+
+    def _with_askew_part(
+        self, here: Iterate, answer: Solution, results: list[SolverResult], solve: _Solve, closer: bool
+    ) -> Solution:
+        """The answer of the linear problem, of which the load has the forces of the part of the tangent that is not
+        symmetric: found from that without, by Anderson's method with the same factors; collective."""
+        bodies, over = [(nonlinear(one.body), one.nodes) for one in here.body.members], Reductions(self.comm)
+        state, du, mixing, first = here.problem.state, answer.displacement, Anderson(_ASKEW_MEMORY, over), np.inf
+        for _ in range(_ASKEW_MOST):
+            askew = [(one.askew_force(du[nodes]), nodes) for one, nodes in bodies]
+            load = state.loading.load.copy()
+            for forces, nodes in askew:
+                load[nodes] -= 0.0 if forces is None else forces
+            if over.all(np.array_equal(load, state.loading.load)):
+                break
+            changed = replace(state, loading=replace(state.loading, load=load))
+            problem = here.problem.in_state(changed, here.problem.seconds, here.problem.before)
+            try:
+                answer = solve(problem, answer.contact_force, closer)
+            except NotConverged as failure:
+                if failure.result.status is Status.INTERRUPTED:
+                    raise
+                _log.debug("with the part of the tangent that is not symmetric: %s", failure)
+                break
+            results.append(answer.result)
+            change = answer.displacement - du
+            size = over.norm(change)
+            first = size if first == np.inf else first
+            if size <= _ASKEW_PART * first:
+                break
+            du = mixing.next(du.ravel(), change.ravel(), 1.0).reshape(-1, 3)
+        return answer
 
     def _cut(self, why: str) -> StepCut:
         """With what was tried, and may help."""
