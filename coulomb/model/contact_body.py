@@ -417,10 +417,10 @@ class ContactBody:
         motions = self.foundation_motions(time, poses)
         surface = self.surface(motions, time, elasticity)
         slip_rate: FloatArray = np.zeros(len(surface.x))
-        accumulated = Accumulated.none(len(surface.x))
+        accumulated, force = Accumulated.none(len(surface.x)), np.zeros_like(surface.x)
         if before is not None:
             at = self.places(surface)
-            slip_rate, accumulated = before.slip_rate[at], before.accumulated.at(at)
+            slip_rate, accumulated, force = before.slip_rate[at], before.accumulated.at(at), before.force_on_body[at]
         law = self._faces.law(surface, time, slip_rate)
         if before is None:
             elasticity.refuse_beginning(time)
@@ -428,7 +428,7 @@ class ContactBody:
         spins, origin = self._spins_and_origin(motions, surface, time, before)
         loaded = self._faces.loaded(elasticity, motions, time, poses)
         return ContactState(
-            *(elasticity, loading, motions, spins, surface, law, slip_rate, origin, accumulated), loaded=loaded
+            *(elasticity, loading, motions, spins, surface, law, slip_rate, origin, accumulated, force), loaded=loaded
         )
 
     def posed(self, state: ContactState, poses: FloatArray | None, before: State | None) -> ContactState:

@@ -295,7 +295,8 @@ class Iterate:
         posed = pose(self.body, time)
         there, self.foundations = posed.state, posed.body.foundations
         at = points.places(there.surface)
-        then = replace(there, slip_rate=before.slip_rate[at], accumulated=before.accumulated.at(at))
+        accumulated, force = before.accumulated.at(at), before.force_on_body[at]
+        then = replace(there, slip_rate=before.slip_rate[at], accumulated=accumulated, force_before=force)
         if start is not None:
             slip = start.slip(self.body, there.surface, there.foundation_motions, self.foundations)
             each_of = zip(posed.body.contacts, there.foundation_motions, start.motions, strict=True)

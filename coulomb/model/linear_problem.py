@@ -146,6 +146,7 @@ class ContactState:
         slip_origin: Displacement of the contact points from which slip is measured, along n, t1, t2, metres, shape (m,
             3): 0 at first, in a later load step that after the step before, moved with the foundation.
         accumulated: Slip, friction work and largest pressure of the load steps before.
+        force_before: Contact forces on the body after the load step before, space vectors in newtons, shape (m, 3).
         heat: The temperature by which the bodies are strained, and its heat flows; None in a problem without heat.
         loaded: The foundations under load.
     """
@@ -159,6 +160,7 @@ class ContactState:
     slip_rate: FloatArray
     slip_origin: FloatArray
     accumulated: Accumulated
+    force_before: FloatArray
     heat: Heat | None = None
     loaded: tuple[LoadedFoundation, ...] = ()
 

@@ -6,11 +6,12 @@ contact problem with `ContactState.slip_origin` at the displacement after the st
 
 Energies are summed over the steps.  Loads, reactions and the foundation do work, which becomes elastic energy or is
 dissipated by friction.  Elastic energy is exact, and so is the sum of all work by the trapezoidal rule, since the
-stress is linear in u.  Dissipation is taken by the law, x_t . slip >= 0, with the friction at the end of the step; the
-difference, the `imbalance`, is the error of the time discretisation and falls with the step size.
+stress is linear in u.  Dissipation is taken by the law, x_t . slip >= 0, with the mean of the bounds of friction at
+both ends of the step (`NodalAnswer.friction_work`); the difference, the `imbalance`, is the error of the time
+discretisation and falls with the step size.
 
-The slip of a node that comes to touch, or that leaves, within a step counts over the whole of it: an error of first
-order in the size of the steps.  With `friction_error` each step is also taken in two halves, and again in halves of
+The slip of a node that comes to touch within a step counts over the whole of it: an error of first order in the size of
+the steps.  With `friction_error` each step is also taken in two halves, and again in halves of
 these, until friction no longer depends on it (step doubling: Hairer, Norsett and Wanner, Solving ODEs I, II.4).
 
 A step that fails is halved.  A `Recorder` receives the steps: `coulomb.HistoryFiles` writes each before the next

@@ -133,7 +133,7 @@ def ended(
     widened = answer.given_gap - problem.body.given_gap(problem.surface, state.time)
     moved = _while_touching(moved, widened, answer)
     foundation = 0.5 * over.dot(state.force_on_body[at] + on_body, moved)
-    dissipated = answer.dissipated_energy
+    dissipated = over.sum(answer.friction_work)
     energy = state.energy.after(then, now, foundation, dissipated, over, stiffened)
     rate = np.linalg.norm(answer.slip, axis=1) / (problem.time - state.time)
     worn = map(put, vars(answer.accumulated).values(), vars(state.accumulated).values())

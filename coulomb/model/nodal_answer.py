@@ -53,8 +53,8 @@ def _or_none(largest: float) -> float:
 class Accumulated:
     """What m contact nodes have gone through since the start of the history; zero at first.
 
-    Friction is that at the end of each step (backward Euler), as in `Energy.dissipated`, so that the work over the face
-    is that energy.  A node that is open at the end of a step does not accumulate slip in it: distance covered without
+    Friction work is that of `NodalAnswer.friction_work`, as in `Energy.dissipated`, so that the work over the face is
+    that energy.  A node that is open at the end of a step does not accumulate slip in it: distance covered without
     contact is no wear.  Where friction does not depend on pressure (cohesion, Tresca), it also works at open nodes.
 
     Attributes:
@@ -114,6 +114,7 @@ class NodalAnswer:
         compliance: Diagonal of A, of both tangents the mean, metres per newton, shape (m, 3).
         spins: Rotations of the foundations of the faces; None where there is none.
         earlier: What has accumulated in the load steps before.
+        force_before: The forces on the body after the load step before, space vectors, shape (m, 3).
         against: Of each contact face the face opposite, if it is one of a pair; else None.  Empty without pairs.
         opposite_x: Where the forces act on the faces opposite, shape (m, 3); 0 on faces against a foundation.  None
             without pairs.
@@ -139,6 +140,7 @@ class NodalAnswer:
     compliance: FloatArray
     spins: tuple[Spin | None, ...]
     earlier: Accumulated
+    force_before: FloatArray
     against: tuple[str | None, ...] = ()
     opposite_x: FloatArray | None = None
     several: bool = False
@@ -237,9 +239,30 @@ class NodalAnswer:
         return np.sum(self.force[:, 1:] * self.relative_displacement[:, 1:], axis=1)
 
     @cached_property
+    def friction_work(self) -> FloatArray:
+        """Work of friction in the load step, joules, shape (m,); collective.
+
+        By the law with the forces at its end, friction would not work where a node slides and leaves, and too little
+        where it slides as its pressure falls.  So where a node touches at the start, the bound of friction counts with
+        the mean of its values at start and end.  One that is open at the end slips in contact, as long as a spring of
+        its own compliance presses, on the part x_n a / (x_n a + gap) of its way, at half of its friction on average.
+        """
+        before = -np.einsum("kij,kj->ki", inverse_frames(self.frames), self.force_before)
+        normal, tangential, slip = np.maximum(before[:, 0], 0.0), before[:, 1:], self.relative_displacement[:, 1:]
+        bound, size = self.law.radius(normal), np.hypot(*tangential.T)
+        friction = tangential * np.divide(bound, size, out=np.ones_like(size), where=size > bound)[:, None]
+        closing, apart = normal * self.compliance[:, 0], np.maximum(self.gap - self.displacement[:, 0], 0.0)
+        part = np.divide(closing, closing + apart, out=np.zeros_like(closing), where=closing > 0.0)
+        leaving = 0.5 * part * np.maximum(np.sum(friction * slip, axis=1), 0.0)
+        staying = 0.5 * (self._friction_work + bound * np.hypot(*slip.T))
+        left = self._open & (self.law.radius(np.zeros_like(normal)) == 0.0)  # a cohesion acts on open nodes too
+        touched = normal > OPEN_BELOW * Reductions(self.comm).max(normal)
+        return np.where(touched, np.where(left, leaving, staying), self._friction_work)
+
+    @cached_property
     def accumulated(self) -> Accumulated:
         """Slip, friction work and largest pressure since the start of the history, with this answer; collective."""
-        return self.earlier.after(self.slip, self._friction_work / self.area, self.pressure, ~self._open)
+        return self.earlier.after(self.slip, self.friction_work / self.area, self.pressure, ~self._open)
 
     @property
     def dissipated_energy(self) -> float:

@@ -161,6 +161,7 @@ class Solution:
             compliance=self.compliances,
             spins=problem.state.spins,
             earlier=problem.state.accumulated,
+            force_before=problem.state.force_before,
             against=tuple(contact.against for contact in problem.contacts),
             opposite_x=surface.points.opposite_average(problem.elasticity.x),
             several=len(problem.elasticity.members) > 1,

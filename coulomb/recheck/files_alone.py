@@ -148,6 +148,7 @@ def _answer(at: Mapping[str, FloatArray], faces: list[dict[str, Any]], several: 
         compliance=np.column_stack([at[name] for name in COMPLIANCES]),
         spins=(None,) * len(faces),
         earlier=Accumulated.none(len(rows)),
+        force_before=np.zeros_like(rows),
         against=tuple(one.get("against") for one in faces),
         several=several,
         copies=copies,

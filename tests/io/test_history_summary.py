@@ -58,14 +58,17 @@ def test_sums_and_largest_values_are_of_all_steps(done):
 
 
 def test_energy_of_the_history_is_the_sum_over_its_steps(done):
-    """The energy dissipated in all steps, not in the last one."""
+    """The energy dissipated in all steps, not in the last one; steps by themselves count with the forces at their
+    ends, where friction differs a little."""
     directory, said = done
     contents, steps = json.loads((directory / "summary.json").read_text()), summaries(directory)
-    dissipated = [step["totals"]["dissipated_energy"] for step in steps]
-    assert contents["history"]["energy"]["dissipated"] == pytest.approx(sum(dissipated)) != dissipated[-1]
+    at_ends = [step["totals"]["dissipated_energy"] for step in steps]
+    dissipated = steps[-1]["accumulated"]["dissipated_energy"]
+    assert contents["history"]["energy"]["dissipated"] == pytest.approx(dissipated)
+    assert dissipated == pytest.approx(sum(at_ends), rel=0.05) and dissipated > 1.5 * at_ends[-1]
     rows = list(csv.DictReader((directory / "history.csv").open()))
-    assert float(rows[-1]["energy_dissipated"]) == pytest.approx(sum(dissipated))
-    assert f"friction {plain(quantity(sum(dissipated), 'J'))}, time-stepping error" in said
+    assert float(rows[-1]["energy_dissipated"]) == pytest.approx(dissipated)
+    assert f"friction {plain(quantity(dissipated, 'J'))}, time-stepping error" in said
 
 
 def test_terminal_labels_its_figures(done):

@@ -192,7 +192,7 @@ def test_groups_of_cells_have_their_own_laws():
     assert 0.5 * (low_stretch + high_stretch) == pytest.approx(0.8, abs=1e-2)  # the sides are not free of each other
 
 
-def test_energies_add_up_to_first_order_in_the_step(tmp_path):
+def test_energies_add_up_to_almost_second_order_in_the_step(tmp_path):
     (tmp_path / "case.toml").write_text(DRAWN)
     case = read_case(tmp_path / "case.toml")
     left = []
@@ -200,7 +200,7 @@ def test_energies_add_up_to_first_order_in_the_step(tmp_path):
         states = [step.state.energy for step in LoadHistory(np.linspace(0.0, 2.0, count + 1)[1:]).steps(case.problem())]
         assert np.all(np.diff([0.0, *(one.dissipated for one in states)]) >= -1e-6 * states[-1].dissipated)
         left.append(states[-1].imbalance / states[-1].dissipated)
-    assert abs(left[0]) < 0.05 and left[1] == pytest.approx(0.5 * left[0], rel=0.2)
+    assert abs(left[0]) < 0.02 and 0.0 < left[1] / left[0] < 0.4
 
 
 @pytest.fixture(scope="module")
