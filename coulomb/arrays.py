@@ -33,6 +33,25 @@ def is_number(value: object, least: float = 0.0) -> bool:
     return bool(np.isfinite(number)) and number >= least
 
 
+def real_numbers(values: object) -> FloatArray:
+    """An array of double precision; ValueError for texts and None, which NumPy would take for numbers, for complex
+    numbers, of which it would drop a part, and for expressions of UFL, of which float() calls itself for ever."""
+    if _has_ufl(values):
+        raise ValueError("the values must be numbers, but are expressions of UFL; a fem.Constant has one in .value")
+    found = np.asarray(values)
+    if np.iscomplexobj(found):
+        raise ValueError("the values must be real numbers, but are complex")
+    if found.dtype.kind in "USO" and any(one is None or isinstance(one, str) for one in found.flat):
+        raise ValueError("the values must be numbers, but are texts or None")
+    return np.asarray(found, dtype=np.float64)
+
+
+def _has_ufl(value: object) -> bool:
+    if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.dtype == object and value.ndim):
+        return any(map(_has_ufl, value))
+    return is_of_ufl(value)
+
+
 def short(value: object) -> str:
     """What a value is, in words that are the same on all ranks."""
     text = repr(value)

@@ -347,10 +347,11 @@ class Contact:
             ("slip_stress", self.slip_stress),
             ("cohesion", self.cohesion),
         ):
-            for value in given if isinstance(given, Sequence) else (given,) if given is not None else ():
+            each = given if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
+            for value in each if given is not None else ():
                 allowed = of_place(value) or is_number(value)
                 if not (allowed or (name == "friction" and isinstance(value, variable))):
-                    raise ValueError(f"contact: {name} must be a number >= 0, but is {value}")
+                    raise ValueError(f"contact: {name} must be a number >= 0, but is {short(value)}")
         if self.friction_limit is not None and self.friction is None:
             raise ValueError("contact: friction_limit goes with friction; slip_stress is a limit itself")
         if not (self.friction_limit is None or of_place(self.friction_limit)) and not (

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, real_numbers, short
 from ..fem.bodies import DisplacementSpace, LocatedPoints, locate
 from .nodal_answer import NodalAnswer
 
@@ -36,11 +36,13 @@ class Probe:
         if not isinstance(self.name, str) or not self.name or not self.name.isprintable():
             raise ValueError(f"probe: the name must be a printable word, but is {self.name!r}")
         try:
-            point = np.asarray(self.point, dtype=np.float64)
+            point = real_numbers(self.point)
         except (TypeError, ValueError):
             point = np.empty(0)
         if point.shape != (3,) or not np.all(np.isfinite(point)):
-            raise ValueError(f"{self.what}: the point must be three finite numbers in metres, but is {self.point!r}")
+            raise ValueError(
+                f"{self.what}: the point must be three finite numbers in metres, but is {short(self.point)}"
+            )
         if self.body is not None and not isinstance(self.body, str):
             raise ValueError(f"{self.what}: body must be the name of a body, but is {self.body!r}")
 

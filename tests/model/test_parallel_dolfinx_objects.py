@@ -109,6 +109,30 @@ OBJECTS = {
 }
 
 
+VALUE = r"expressions of UFL; a fem.Constant has one in \.value"
+MISPLACED = {
+    "factor": (lambda c: problem(tractions=[Traction("top", (0, 0, -9), amplitude=c)]), "amplitude must .* a Constant"),
+    "its function": (lambda c: problem(tractions=[Traction("top", (0, 0, -9), amplitude=lambda t: c)]), VALUE),
+    "motion": (lambda c: ContactProblem(BOX, RUBBER, [], Contact("bottom", 0.1, motion=lambda t: (0, 0, c))), VALUE),
+    "function": (lambda c: problem(friction=lambda x: c + x[0]), "friction: .*" + VALUE),
+    "force": (lambda c: coulomb.TotalForce("top", (0.0, 0.0, c)), "three finite numbers"),
+    "probe": (lambda c: coulomb.Probe("middle", (0.0, 0.0, c)), "three finite numbers"),
+    "poisson": (lambda c: Material(1e5, c), "poisson must be a number in .*, but is a Constant"),
+    "shape": (lambda c: problem(tractions=[Traction("top", c)]), r"values of shape \(\); three components"),
+    "vector": (lambda c: problem(friction=fem.Constant(BOX.domain, (0.1, 0.2, 0.3))), r"shape \(3,\); a number"),
+    "text": (lambda c: problem(tractions=[Pressure("top", "3")]), "pressure on 'top': must be a number .* '3'"),
+    "cohesion": (lambda c: problem(cohesion="30"), "cohesion must be a number >= 0, but is '30'"),
+}
+
+
+@pytest.mark.parametrize("kind", MISPLACED)
+def test_misplaced_values(kind):
+    """float() of a constant of UFL calls itself for ever: what takes numbers says so, and where they are."""
+    make, message = MISPLACED[kind]
+    with pytest.raises(ValueError, match=message):
+        make(fem.Constant(BOX.domain, 0.5))
+
+
 @pytest.mark.parametrize("cells", [BOX, HEXES], ids=["tetrahedra", "hexahedra"])
 @pytest.mark.parametrize("kind", OBJECTS)
 def test_values_at_points(cells, kind):

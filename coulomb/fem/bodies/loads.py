@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, is_number, short
 from .. import compat
 from ..geometry import (
     Amplitude,
@@ -430,8 +430,8 @@ class ThermalLoad:
         elif not of_place(self.temperature):
             given["temperature"] = self.temperature
         for name, value in given.items():
-            if isinstance(value, bool) or not isinstance(value, float | int) or not math.isfinite(value):
-                raise ValueError(f"{name} must be a finite number in kelvin or degrees, but is {value!r}")
+            if isinstance(value, bool) or not is_number(value, -math.inf):
+                raise ValueError(f"{name} must be a finite number in kelvin or degrees, but is {short(value)}")
 
     def change(self, body: ElasticBody, mesh: NamedMesh) -> FloatArray:
         """Temperature minus reference at this rank's nodes at the factor 1, kelvin, shape (k,); ValueError on every

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, is_number
+from ...arrays import FloatArray, is_number, real_numbers, short
 from .. import compat
 from ..geometry import Coefficient, Field, evaluate_numbers, evaluate_vectors, first_place, of_place, on_all_ranks
 from ..meshes import NamedMesh
@@ -178,11 +178,13 @@ class OrthotropicMaterial:
         _refuse_not_positive(self)
         for name, unit in (("young", "Young's moduli in pascals"), ("shear", "shear moduli in pascals")):
             if not np.all(three(getattr(self, name), f"material: {name}", unit) > 0.0):
-                raise ValueError(f"material: {name} must be three positive {unit}, but is {getattr(self, name)!r}")
+                raise ValueError(f"material: {name} must be three positive {unit}, but is {short(getattr(self, name))}")
         three(self.poisson, "material: poisson", "Poisson's ratios")
         refuse_indefinite(np.array([self.young]), np.array([self.poisson]))
         if self.expansion is not None and not _finite(self.expansion):
-            raise ValueError(f"material: expansion must be a finite number in 1/K, or three, but is {self.expansion!r}")
+            raise ValueError(
+                f"material: expansion must be a finite number in 1/K, or three, but is {short(self.expansion)}"
+            )
         if not isinstance(self.directions, Sequence) or len(self.directions) != 2:
             raise ValueError(
                 f"material: directions must be two, the first and the second, each a vector or a function of place, "
@@ -202,11 +204,11 @@ class OrthotropicMaterial:
 def three(given: object, what: str, unit: str) -> FloatArray:
     """Three finite numbers, shape (3,); ValueError if they are not."""
     try:
-        values = np.asarray(given, dtype=np.float64)
+        values = real_numbers(given)
     except (TypeError, ValueError):
         values = np.empty(0)
     if values.shape != (3,) or not np.all(np.isfinite(values)):
-        raise ValueError(f"{what} must be three finite {unit}, but is {given!r}")
+        raise ValueError(f"{what} must be three finite {unit}, but is {short(given)}")
     return values
 
 
@@ -314,7 +316,7 @@ def strain_rotation(axes: FloatArray) -> FloatArray:
 
 def _finite(expansion: object) -> bool:
     try:
-        values = np.asarray(expansion, dtype=np.float64)
+        values = real_numbers(expansion)
     except (TypeError, ValueError):
         return False
     return values.shape in ((), (3,)) and bool(np.all(np.isfinite(values)))
@@ -345,11 +347,11 @@ class Material:
     def __post_init__(self) -> None:
         _refuse_not_positive(self)
         if not (of_place(self.young) or (is_number(self.young) and self.young != 0.0)):
-            raise ValueError(f"material: young must be a positive number of pascals, but is {self.young!r}")
+            raise ValueError(f"material: young must be a positive number of pascals, but is {short(self.young)}")
         if not (is_number(self.poisson, -1.0) and -1.0 < self.poisson < 0.5):
-            raise ValueError(f"material: poisson must be a number in (-1, 0.5), but is {self.poisson!r}")
+            raise ValueError(f"material: poisson must be a number in (-1, 0.5), but is {short(self.poisson)}")
         if self.expansion is not None and not is_number(self.expansion, -math.inf):
-            raise ValueError(f"material: expansion must be a finite number in 1/K, but is {self.expansion!r}")
+            raise ValueError(f"material: expansion must be a finite number in 1/K, but is {short(self.expansion)}")
 
 
 AnyMaterial = Material | OrthotropicMaterial
@@ -414,9 +416,9 @@ def constant_of_cells(mesh: NamedMesh, materials: Materials, name: str) -> Float
 def _refuse_not_positive(material: AnyMaterial) -> None:
     density, conductivity = material.density, material.conductivity
     if density is not None and not is_number(density):
-        raise ValueError(f"material: density must be a number of kg/m^3, not below 0, but is {density!r}")
+        raise ValueError(f"material: density must be a number of kg/m^3, not below 0, but is {short(density)}")
     if conductivity is not None and not (is_number(conductivity) and conductivity > 0.0):
-        raise ValueError(f"material: conductivity must be a positive number of W/(m K), but is {conductivity!r}")
+        raise ValueError(f"material: conductivity must be a positive number of W/(m K), but is {short(conductivity)}")
 
 
 def _refuse_wrong_cells(mesh: NamedMesh, materials: Materials, count: int) -> None:

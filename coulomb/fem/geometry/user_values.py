@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar, cast
 import numpy as np
 import numpy.typing as npt
 
-from ...arrays import FloatArray, in_words, is_of_ufl
+from ...arrays import FloatArray, in_words, is_of_ufl, real_numbers, short
 from ...load_curve import LoadCurve
 
 if TYPE_CHECKING:
@@ -52,9 +52,14 @@ def evaluate_amplitude(amplitude: Amplitude, time: float, what: str, name: str =
     """
     if isinstance(amplitude, int | float):
         return float(amplitude)
+    if is_of_ufl(amplitude):
+        raise ValueError(
+            f"{what}: the {name} must be a number, or a function or table of time, but is {short(amplitude)}: multiply "
+            "what it is the factor of by it, or give lambda time: constant.value"
+        )
     if callable(amplitude):
         try:
-            value = float(amplitude(time))
+            value = float(real_numbers(amplitude(time)))
         except Exception as error:  # user functions may raise anything
             raise ValueError(f"{what}: the {name} failed at time {time:g}: {error}") from None
         if not np.isfinite(value):
@@ -69,7 +74,7 @@ def evaluate_motion(motion: Motion | None, time: float, what: str) -> FloatArray
         return np.zeros(3)
     if callable(motion):
         try:
-            value = np.array(motion(time), dtype=np.float64)
+            value = real_numbers(motion(time)).copy()
         except Exception as error:  # user functions may raise anything
             raise ValueError(f"{what}: the motion failed at time {time:g}: {error}") from None
         if value.shape != (3,) or not np.all(np.isfinite(value)):
@@ -82,7 +87,7 @@ def _curve(table: LoadCurve | Sequence[Sequence[float]], time: float, columns: i
     """The values of a table at a time, shape (columns,)."""
     if not isinstance(table, LoadCurve):
         try:
-            rows = np.array(table, dtype=np.float64)
+            rows = real_numbers(table)
         except (TypeError, ValueError):
             rows = np.empty((0, 0))
         if rows.ndim != 2 or rows.shape[0] == 0 or rows.shape[1] != 1 + columns or not np.all(np.isfinite(rows)):
@@ -104,14 +109,17 @@ def of_place(value: object) -> bool:
     return callable(value) or is_of_ufl(value)
 
 
-def evaluated_by_ufl(value: Any, x: FloatArray, what: str, comm: MPI.Comm) -> Any:
+def evaluated_by_ufl(value: Any, x: FloatArray, what: str, comm: MPI.Comm, shape: tuple[int, ...] = ()) -> Any:
     """An object of DOLFINx or UFL as a function of the points x (k, 3), of which it has the values; else the value
-    itself; errors as of `evaluate_numbers`; collective."""
+    itself; errors as of `evaluate_numbers`, also if it has another `shape`; collective."""
     if not is_of_ufl(value):
         return value
     from ..ufl_values import UflValues  # with DOLFINx, which other values do not need
 
     given = on_all_ranks(lambda: UflValues(value), what, comm)
+    if given.shape != shape:
+        needed = "three components are needed" if shape else "a number is needed"
+        raise ValueError(f"{what}: {given.name} has values of shape {given.shape}; {needed}")
     if given.constant is not None:
         constant = np.multiply.outer(given.constant, np.ones(len(x)))
         return lambda _: constant
@@ -135,7 +143,7 @@ def evaluated_by_ufl(value: Any, x: FloatArray, what: str, comm: MPI.Comm) -> An
 def evaluate_vectors(field: Field, x: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
     """Vectors (k, 3) of a field at points x (k, 3); ValueError on every rank if the function fails, or a value has not
     three finite components."""
-    field = evaluated_by_ufl(field, x, what, comm)
+    field = evaluated_by_ufl(field, x, what, comm, (3,))
 
     def evaluate() -> FloatArray:
         if callable(field):
@@ -146,11 +154,13 @@ def evaluate_vectors(field: Field, x: FloatArray, what: str, comm: MPI.Comm) -> 
                 raise ValueError(f"the function must return shape (3, {len(x)}), but returned {values.shape}")
             return _finite(values.T, x)
         try:
-            values = np.asarray(field, dtype=np.float64)
+            values = real_numbers(field)
         except (TypeError, ValueError):  # text, None, rows of different lengths
             values = np.empty(0)
         if values.shape != (3,):
-            raise ValueError(f"the value must have three components, numbers, or be a function of x, but is {field!r}")
+            raise ValueError(
+                f"the value must have three components, numbers, or be a function of x, but is {short(field)}"
+            )
         return _finite(np.broadcast_to(values, (len(x), 3)), x)
 
     return on_all_ranks(evaluate, what, comm)
@@ -187,22 +197,18 @@ def evaluate_signed_numbers(coefficient: Coefficient, x: FloatArray, what: str, 
 def _numbers(coefficient: Coefficient, x: FloatArray) -> FloatArray:
     if not callable(coefficient):
         try:
-            return np.full(len(x), float(coefficient))
+            number = real_numbers(coefficient)
         except (TypeError, ValueError):
-            raise ValueError(f"must be a number or a function of x, but is {coefficient!r}") from None
+            number = np.empty(0)
+        if number.shape:
+            raise ValueError(f"must be a number or a function of x, but is {short(coefficient)}")
+        return np.full(len(x), number)
     if len(x) == 0:
         return np.empty(0)
     values = real_numbers(coefficient(x.T.copy()))
     if values.shape not in ((), (len(x),)):
         raise ValueError(f"the function must return {len(x)} numbers, but returned shape {values.shape}")
     return np.broadcast_to(values, (len(x),)).copy()
-
-
-def real_numbers(values: npt.ArrayLike) -> FloatArray:
-    """An array of double precision; ValueError for complex numbers, of which NumPy would drop a part."""
-    if np.iscomplexobj(values):
-        raise ValueError("the values must be real numbers, but are complex")
-    return np.asarray(values, dtype=np.float64)
 
 
 def _finite(values: FloatArray, x: FloatArray) -> FloatArray:
