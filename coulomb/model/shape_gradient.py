@@ -35,6 +35,9 @@ _RINGS: Final = 4
 _OTHER: Final = 1e-5
 """Change of the values that is not by the nodes on which they are taken to depend, over the whole change."""
 
+_KINK: Final = 1e-4
+"""By how much changes of the values along two ways do not add up, over the changes, from which on there is a kink."""
+
 
 _Face = tuple[Member, npt.NDArray[np.int32]]
 
@@ -64,19 +67,22 @@ def contact_along_places(answer: DiscreteProblem, values: Callable[[ContactState
 
     rows, beside = nodes_of_points(answer), nodes_beside(answer, _contact_faces(answer))
     on_faces = np.flatnonzero(np.diff(beside.indptr))
-    ways = np.zeros((total, 3))
-    ways[on_faces] = np.random.default_rng(31).uniform(-1.0, 1.0, (len(on_faces), 3))
+    ways, others = np.zeros((2, total, 3))
+    for one, seed in ((ways, 31), (others, 37)):
+        one[on_faces] = np.random.default_rng(seed).uniform(-1.0, 1.0, (len(on_faces), 3))
     whole = change(ways)
     size = float(np.sum(np.abs(whole)))
+    if float(np.sum(np.abs(change(ways + others) - whole - change(others)))) > _KINK * size:
+        raise ValueError(
+            "along places: gaps have a kink, as where bodies lie flat on each other: there `between` gives the "
+            "derivative along one shape"
+        )
     for _ in range(_RINGS):
         found = _by_colours(rows, change, _OTHER * size)
         if found is not None and abs(float(np.sum(whole)) - float(np.vdot(found, ways))) <= _OTHER * size:
             return found[first : first + len(body.x)]
         rows = pattern(rows @ beside)
-    raise ValueError(
-        "along places: what contact points owe to them is not of nodes near, or has a kink, "
-        "as the gaps of faces of second order that lie flat on each other"
-    )
+    raise ValueError("along places: what contact points owe to them is not of nodes near")
 
 
 def _by_colours(

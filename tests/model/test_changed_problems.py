@@ -225,7 +225,7 @@ def test_along_places_of_all_nodes_it_is_that_along_any_shape(make, times, accur
 
 
 def test_where_they_are_not_known_it_says_so():
-    """Along places: with ties, with moments at points."""
+    """Along places: with ties, with moments at points, of bodies that lie flat on each other."""
     block = coulomb.box((1.0, 1.0, 0.5), (1, 1, 1))
     plate = coulomb.moved(block, translate=(0.0, 0.0, 0.5))
     tied = coulomb.ContactProblem(
@@ -239,6 +239,13 @@ def test_where_they_are_not_known_it_says_so():
     turned = coulomb.ContactProblem(
         mesh, material, clamps, contact, [coulomb.PointLoad("right", moment=(0.0, 1e3, 0.0))], small_strain="warn"
     )
-    for problem, why in ((tied, "with ties"), (turned, "point load")):
+    flat = coulomb.ContactProblem(
+        coulomb.join(block=coulomb.box((1.2, 1.1, 0.5), (2, 2, 1)), plate=plate),
+        coulomb.Material(1e9, 0.3),
+        [coulomb.Clamp("block:bottom"), coulomb.PrescribedDisplacement("plate:top", (0.0, 0.0, -1e-3))],
+        coulomb.Contact("plate:bottom", friction=0.3, against="block:top"),
+    )
+    for problem, why in ((tied, "with ties"), (turned, "point load"), (flat, "flat on each other")):
+        answer = problem.solve()
         with pytest.raises(ValueError, match=why):
-            problem.solve().gradient().places()
+            answer.gradient(np.sin(np.arange(len(answer.contact_force)))).places()

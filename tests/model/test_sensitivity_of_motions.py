@@ -75,7 +75,7 @@ def on_a_ball(friction=1.0, pressed=1.0, pulled=1.0, young=1.0, far=1.0, cells=(
             foundation=coulomb.Sphere((0.5, 0.5, -3.0), 2.99),
             motion=lambda t: far * np.array([0.02 * t * (2.0 - t), 0.0, 0.01 * t]),
         ),
-        [coulomb.Pressure("right", 1e5 * pressed)],
+        [coulomb.Pressure("right", 1e5 * pressed, amplitude=[(0, 0), (1, 1), (2, 0.8)])],
         kinematics="large",
         probes=[coulomb.Probe("below", (0.4, 0.3, 0.0))],
     )
