@@ -256,8 +256,8 @@ def hits(start: FloatArray, along: FloatArray, face: Facets, depth: float, reach
 
 _LEVEL: Final = 0.1
 _STEP: Final = 2.5
-"""How much distances may differ around a facet before it is a step (`mortar_parts.nearest_sheet`): a part of its width,
-and its extent along the slope times sin t/cos^2 t of the angle t between both faces."""
+"""How much distances may differ around a facet before it is a step (`mortar_parts.nearest_sheets`): a part of its
+width, and its extent along the slope times sin t/cos^2 t of the angle t between both faces."""
 
 
 def opposite(
@@ -266,38 +266,67 @@ def opposite(
     """Lines along the normals of some slave facets (f,), ascending, of second order those of the pieces (q,) on which
     their reference points (q, 2) are, shape (f, q, 3), and where these f q lines meet the master.
 
-    What is beyond a step does not count: farther from a facet than the nearest place before it or the facets beside it,
-    by more than `_LEVEL` and `_STEP` explain.
+    What is beyond a step does not count: farther from a facet of either face than the nearest place before it or the
+    facets beside it, by more than `_LEVEL` and `_STEP` explain.
     """
-    near = np.flatnonzero(np.any(np.isin(slave.nodes, slave.nodes[facet]), axis=1))
-    x, along = slave.x[near], np.repeat(slave.normal[near][:, None], len(at), axis=1)
-    if slave.degree == 2:
-        along = unit_vectors(slave.sign[near, None, None] * plane_vectors(x[:, PIECES[slave.corners]]))[:, piece]
-    depth, reach = 0.25 * min(slave.extent, master.extent), slave.extent + master.extent
-    if len(slave) and len(master):
-        reach += float(np.min(np.linalg.norm(master.middle - slave.middle[0], axis=1)))
-    start = (facet_functions(slave.corners, slave.degree, at)[0] @ x).reshape(-1, 3)
-    found = hits(start, along.reshape(-1, 3), master, depth, reach)
-    way = np.abs(found.way).reshape(along.shape[:2])
-    met = np.isfinite(way)
-    if np.any(met) and np.ptp(way[met]) > _LEVEL * np.min(slave.width[near]):
-        n = master.normal[found.facet].reshape(along.shape)
-        cosine = np.einsum("fqi,fqi->fq", along, n)[:, :, None]
-        slope = np.where(met[:, :, None], (n - cosine * along) / cosine**2, 0.0)
-        within = np.min(facet_functions(slave.corners, 1, at)[0], axis=1) > 0.0  # not on edges, shared with others
-        rises = np.ptp(np.einsum("fni,fqi->fqn", x, slope[:, within]), axis=2).max(axis=1)
-        rows, columns = np.repeat(np.arange(len(near)), slave.nodes.shape[1]), slave.nodes[near].ravel()
-        on = scipy.sparse.csr_matrix((np.ones(len(rows)), (rows, columns)))
-        one, other = (on @ on.T).nonzero()
-        nearest, rise, width = np.full((3, len(near)), -np.inf)
-        np.maximum.at(nearest, one, -way[:, within].min(axis=1)[other])
-        np.maximum.at(rise, one, rises[other])
-        np.maximum.at(width, one, slave.width[near][other])
-        met &= way <= (_LEVEL * width + _STEP * rise - nearest)[:, None]
-    given, gone = np.isin(near, facet), ~met.ravel()
-    found.facet[gone], found.way[gone] = -1, np.inf
+    near = _beside(slave, facet)
+    along, found = _lines(slave, master, near, at, piece)
+    met = np.isfinite(found.way)
+    lines, ways = along.reshape(-1, 3)[met], np.abs(found.way[met])
+    if len(ways) and np.ptp(ways) > _LEVEL * min(np.min(slave.width[near]), np.min(master.width)):
+        normals = master.normal[found.facet[met]]
+        gone = ways > _farthest(slave, near, along, at, found, master)[np.repeat(np.arange(len(near)), len(at))[met]]
+        heights = np.abs(np.einsum("ki,ki->k", lines, normals)) * ways
+        far = heights > _LEVEL * master.width[found.facet[met]]
+        if np.any(far):
+            behind = _beside(master, found.facet[met][far])
+            points, _, pieces = facet_rule(master.corners, master.degree)
+            back, of_slave = _lines(master, slave, behind, points, pieces)
+            farthest = np.full(len(master), np.inf)
+            farthest[behind] = _farthest(master, behind, back, points, of_slave, slave)
+            gone |= heights > farthest[found.facet[met]]
+        lost = np.flatnonzero(met)[gone]
+        found.facet[lost], found.way[lost] = -1, np.inf
+    given = np.isin(near, facet)
     chosen = np.repeat(given, len(at))
     return along[given], Hits(found.facet[chosen], found.place[chosen], found.way[chosen])
+
+
+def _beside(face: Facets, facet: IntArray) -> IntArray:
+    """Some facets and those that share a node with them, ascending."""
+    return np.flatnonzero(np.any(np.isin(face.nodes, face.nodes[facet]), axis=1))
+
+
+def _lines(face: Facets, other: Facets, facet: IntArray, at: FloatArray, piece: IntArray) -> tuple[FloatArray, Hits]:
+    """`opposite`, with all that lines meet."""
+    x, along = face.x[facet], np.repeat(face.normal[facet][:, None], len(at), axis=1)
+    if face.degree == 2:
+        along = unit_vectors(face.sign[facet, None, None] * plane_vectors(x[:, PIECES[face.corners]]))[:, piece]
+    depth, reach = 0.25 * min(face.extent, other.extent), face.extent + other.extent
+    if len(face) and len(other):
+        reach += float(np.min(np.linalg.norm(other.middle - face.middle[0], axis=1)))
+    start = (facet_functions(face.corners, face.degree, at)[0] @ x).reshape(-1, 3)
+    return along, hits(start, along.reshape(-1, 3), other, depth, reach)
+
+
+def _farthest(
+    face: Facets, near: IntArray, along: FloatArray, at: FloatArray, found: Hits, other: Facets
+) -> FloatArray:
+    """Distance from each of some facets (f,) from which on what its lines (f, q, 3) meet is beyond a step, shape
+    (f,)."""
+    within = np.min(facet_functions(face.corners, 1, at)[0], axis=1) > 0.0  # not on edges, shared with other facets
+    way = np.abs(found.way).reshape(along.shape[:2])[:, within]
+    along, n = along[:, within], other.normal[found.facet].reshape(along.shape)[:, within]
+    cosine = np.einsum("fqi,fqi->fq", along, n)[:, :, None]
+    slope = np.where(np.isfinite(way)[:, :, None], (n - cosine * along) / cosine**2, 0.0)
+    rises = np.ptp(np.einsum("fni,fqi->fqn", face.x[near], slope), axis=2).max(axis=1)
+    rows, columns = np.repeat(np.arange(len(near)), face.nodes.shape[1]), face.nodes[near].ravel()
+    on = scipy.sparse.csr_matrix((np.ones(len(rows)), (rows, columns)))
+    one, other_one = (on @ on.T).nonzero()
+    most = np.full((3, len(near)), -np.inf)
+    for largest, values in zip(most, (-way.min(axis=1), rises, face.width[near]), strict=True):
+        np.maximum.at(largest, one, values[other_one])
+    return _LEVEL * most[2] + _STEP * most[1] - most[0]
 
 
 def off_linear(

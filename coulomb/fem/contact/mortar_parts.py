@@ -245,28 +245,32 @@ for which a step would close, and a multiple of what its extent along the slope,
 sin t/cos^2 t is."""
 
 
-def nearest_sheet(parts: Parts, cells: Cells, others: Cells, slave: FacetPatch) -> Parts:
-    """Without the parts beyond a step: farther from a facet than the nearest part before it or the facets beside it, by
-    more than `LEVEL` and `STEP` explain.
+def nearest_sheets(parts: Parts, cells: Cells, others: Cells, slave: FacetPatch, master: FacetPatch) -> Parts:
+    """Without the parts beyond a step: farther from a facet of either face than the nearest part before it or the
+    facets beside it, by more than `LEVEL` and `STEP` explain; distances along its own normal.
 
-    The mean of distances on both sides of the edge of a step would let the edge into the slave.
+    The mean of distances on both sides of the edge of a step would let the edge into the slave; and teeth of a slave
+    beside those that are in the grooves of the master are not opposite to these.
     """
-    facet, away = cells.facet[parts.slave], np.abs(parts.gap)
-    width = LEVEL * 2.0 * slave.areas / slave.diameters
-    if not len(away) or np.ptp(away) <= np.min(width):
+    width, other_width = (LEVEL * 2.0 * of.areas / of.diameters for of in (slave, master))
+    away = np.abs(parts.gap)
+    if not len(away) or np.ptp(away) <= min(np.min(width), np.min(other_width)):
         return parts
-    n, own = others.area_vector[parts.master] / others.area[parts.master][:, None], cells.frames[parts.slave, 2]
-    cosine = np.einsum("pi,pi->p", own, n)[:, None]
-    slope = (n - cosine * own) / cosine**2
-    nearest, rise = np.full(len(slave), -np.inf), np.zeros(len(slave))
+    n, m = cells.frames[parts.slave, 2], others.area_vector[parts.master] / others.area[parts.master][:, None]
+    cosine = np.einsum("pi,pi->p", n, m)[:, None]
+    near = away <= _farthest(slave, cells.facet[parts.slave], away, (m - cosine * n) / cosine**2, width)
+    heights, facet = away * np.abs(cosine[:, 0]), others.facet[parts.master]
+    return parts.only(near & (heights <= _farthest(master, facet, heights, (n - cosine * m) / cosine**2, other_width)))
+
+
+def _farthest(face: FacetPatch, facet: IntArray, away: FloatArray, slope: FloatArray, width: FloatArray) -> FloatArray:
+    """Distances (p,) from which parts on some facets (p,) are beyond a step, by distances (p,) and slopes (p, 3)."""
+    nearest, rise = np.full(len(face), -np.inf), np.zeros(len(face))
     np.maximum.at(nearest, facet, -away)
-    np.maximum.at(rise, facet, np.ptp(np.einsum("pni,pi->pn", slave.x[facet], slope), axis=1))
-
-    def around(values: FloatArray) -> FloatArray:
-        """The largest of values (f,) of each facet and those that share a node with it."""
-        at_nodes = np.full(slave.size, -np.inf)
-        np.maximum.at(at_nodes, slave.nodes, values[:, None])
-        return np.max(at_nodes[slave.nodes], axis=1)
-
-    farthest = around(width) + STEP * around(rise) - around(nearest)
-    return parts.only(away <= farthest[facet])
+    np.maximum.at(rise, facet, np.ptp(np.einsum("pni,pi->pn", face.x[facet], slope), axis=1))
+    most = []
+    for values in (width, rise, nearest):  # around each facet
+        at_nodes = np.full(face.size, -np.inf)
+        np.maximum.at(at_nodes, face.nodes, values[:, None])
+        most.append(np.max(at_nodes[face.nodes], axis=1))
+    return (most[0] + STEP * most[1] - most[2])[facet]

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from sections import write
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, PrescribedDisplacement
+from coulomb.fem.meshes.mesh_file import SectionFile
 
 MATERIAL = coulomb.Material(2.1e11, 0.3)
 
@@ -41,3 +43,65 @@ def test_a_face_with_a_step_is_touched_as_its_upper_part_alone(right, depth):
     lower = whole.at_nodes.x[:, 0] > 1.0 + 1e-6
     assert np.any(lower) and whole.at_nodes.gap[lower] == pytest.approx(depth, rel=1e-9)
     assert np.all(np.abs(whole.at_nodes.gap[~lower]) < 1e-12)
+
+
+def comb(path, x, y, solid):
+    """A section of the rectangles between lines x and y that are solid, (n, m); the faces "up" and "down" are its sides
+    towards y and -y, "up2" those with the bottom at the number 2 of y, and so on, and "left", "right" its ends."""
+    number = np.arange(len(x) * len(y)).reshape(len(x), len(y))
+    cells, lines = [], {"left": [], "right": []}
+    for i, j in zip(*np.nonzero(solid), strict=True):
+        cells.append([number[i, j], number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]])
+        for way, name in ((1, "up"), (-1, "down")):
+            if not (0 <= j + way < solid.shape[1] and solid[i, j + way]):
+                line = cells[-1][2:] if way == 1 else cells[-1][:2]
+                lines.setdefault(name, []).append(line)
+                lines.setdefault(f"{name}{j}", []).append(line)
+        if i == 0:
+            lines["left"].append([cells[-1][0], cells[-1][3]])
+        if i == len(solid) - 1:
+            lines["right"].append(cells[-1][1:3])
+    points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=2).reshape(-1, 2)
+    used = np.unique(cells)
+    new = np.full(len(points), -1)
+    new[used] = np.arange(len(used))
+    named = {name: new[np.array(of)] for name, of in lines.items()}
+    return write(path, SectionFile("comb", points[used], {4: new[np.array(cells)]}, {}, named))
+
+
+@pytest.fixture(scope="module")
+def combs(tmp_path_factory):
+    """The lower one, from the left, has four teeth, each a unit high; the upper one two, on those in the middle."""
+    folder, fine = tmp_path_factory.mktemp("combs"), np.arange(0.0, 8.01, 0.5)
+    x = np.concatenate([np.linspace(0.0, 2.0, 5), [2.25, 2.5, 2.75, 3.0]])
+    solid = np.ones((len(x) - 1, len(fine) - 1), dtype=bool)
+    solid[4:] = np.floor(fine[:-1]) % 2 == 0
+    one = comb(folder / "lower.msh", x, fine, solid)
+    x = np.concatenate([[2.2, 2.6, 3.0, 3.2], np.linspace(3.7, 5.2, 4)])
+    y = np.array([2.9, 3.0, 3.4, 3.9, 5.0, 5.4, 5.9, 6.5])
+    solid = np.ones((len(x) - 1, len(y) - 1), dtype=bool)
+    solid[:3] = np.isin(np.arange(len(y) - 1), [1, 2, 4, 5])
+    return one, comb(folder / "upper.msh", x, y, solid)
+
+
+@pytest.mark.parametrize("slave", ["lower", "upper"])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_teeth_touch_those_of_their_grooves_alone(combs, slave, degree):
+    """Lines from beyond the tip of a tooth, and from teeth without a groove, meet others through both bodies."""
+    bodies = {
+        name: coulomb.slice(file, "plane strain", degree=degree)
+        for name, file in zip(("lower", "upper"), combs, strict=True)
+    }
+    supports = [Clamp("lower:left"), PrescribedDisplacement("upper:right", (0.0, -1e-4, 0.0))]
+
+    def solve(*pairs):
+        ends = [pair if slave == "lower" else pair[::-1] for pair in pairs]
+        contacts = [Contact(one, 0.15, against=other) for one, other in ends]
+        return ContactProblem(coulomb.join(**bodies), MATERIAL, supports, contacts).solve()
+
+    whole = solve(("lower:up", "upper:down"))
+    each = solve(("lower:up5", "upper:down1"), ("lower:up9", "upper:down4"))
+    assert whole.valid and each.valid
+    assert np.all(np.abs(whole.at_nodes.gap) < 1e-12)
+    assert len(whole.at_nodes.gap) == len(each.at_nodes.gap)
+    assert whole.at_nodes.force[:, 0].sum() == pytest.approx(each.at_nodes.force[:, 0].sum(), rel=1e-6)
