@@ -273,7 +273,7 @@ def opposite(
     along, found = _lines(slave, master, near, at, piece)
     met = np.isfinite(found.way)
     lines, ways = along.reshape(-1, 3)[met], np.abs(found.way[met])
-    if len(ways) and np.ptp(ways) > _LEVEL * min(np.min(slave.width[near]), np.min(master.width)):
+    if np.max(ways, initial=0.0) > _LEVEL * min(np.min(of.width, initial=np.inf) for of in (slave, master)):
         normals = master.normal[found.facet[met]]
         gone = ways > _farthest(slave, near, along, at, found, master)[np.repeat(np.arange(len(near)), len(at))[met]]
         heights = np.abs(np.einsum("ki,ki->k", lines, normals)) * ways

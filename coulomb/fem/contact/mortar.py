@@ -41,6 +41,7 @@ import scipy.sparse
 from ...arrays import FloatArray, IntArray, in_words
 from ...nearest import tree_of
 from .facet_patch import FacetPatch
+from .mortar_parts import Most
 from .mortar_segments import Segments, segments
 
 # The functions of the contact forces on a slave face.
@@ -243,8 +244,9 @@ def mortar_rows(
     left_out: IntArray | None = None,
     search: Search | None = None,
     interpolated: bool = True,
+    most: Most | None = None,
 ) -> MortarRows:
-    """The contact points whose nodes this rank owns; not collective.
+    """The contact points whose nodes this rank owns; collective with `most` alone.
 
     Args:
         slave: The facets of the slave, of all ranks, or those in `RINGS` rings around this rank's nodes.
@@ -254,16 +256,19 @@ def mortar_rows(
             to those of other nodes near.
         search: How far before and behind the slave the master is found; by default that of these facets.
         interpolated: Whether distances of first-order facets are their interpolants where these are larger.
+        most: The largest of all ranks, of values at the master's nodes (`mortar_parts.nearest_sheets`).
 
     Raises:
         ValueError: If the outward normals around a contact point cancel.
     """
     near = _around(slave, owned)
     if not len(near) or not len(master):
+        if most is not None:
+            most(np.full((master.size, 3), -np.inf))
         return _no_rows(slave.size, master.size)
     search = search or search_of(slave, master)
     slave = slave.only(near)
-    parts = segments(slave, master, search.depth, search.reach)
+    parts = segments(slave, master, search.depth, search.reach, most)
     nodes = slave.nodes[:, slave.multiplier_columns]
     found = multipliers(slave, parts)
     mass = parts.mass.sum(axis=2)

@@ -6,9 +6,10 @@ normal n.  The master facets before it are projected along n into that plane and
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -245,32 +246,41 @@ for which a step would close, and a multiple of what its extent along the slope,
 sin t/cos^2 t is."""
 
 
-def nearest_sheets(parts: Parts, cells: Cells, others: Cells, slave: FacetPatch, master: FacetPatch) -> Parts:
+Most: TypeAlias = Callable[[FloatArray], FloatArray]
+"""The largest of all ranks of values (nodes of the master, d) on this rank; collective."""
+
+
+def nearest_sheets(
+    parts: Parts, cells: Cells, others: Cells, slave: FacetPatch, master: FacetPatch, most: Most | None = None
+) -> Parts:
     """Without the parts beyond a step: farther from a facet of either face than the nearest part before it or the
-    facets beside it, by more than `LEVEL` and `STEP` explain; distances along its own normal.
+    facets beside it, by more than `LEVEL` and `STEP` explain; distances along its own normal.  With `most` collective.
 
     The mean of distances on both sides of the edge of a step would let the edge into the slave; and teeth of a slave
     beside those that are in the grooves of the master are not opposite to these.
     """
     width, other_width = (LEVEL * 2.0 * of.areas / of.diameters for of in (slave, master))
     away = np.abs(parts.gap)
-    if not len(away) or np.ptp(away) <= min(np.min(width), np.min(other_width)):
+    if most is None and (not len(away) or np.ptp(away) <= min(np.min(width), np.min(other_width))):
         return parts
     n, m = cells.frames[parts.slave, 2], others.area_vector[parts.master] / others.area[parts.master][:, None]
     cosine = np.einsum("pi,pi->p", n, m)[:, None]
     near = away <= _farthest(slave, cells.facet[parts.slave], away, (m - cosine * n) / cosine**2, width)
     heights, facet = away * np.abs(cosine[:, 0]), others.facet[parts.master]
-    return parts.only(near & (heights <= _farthest(master, facet, heights, (n - cosine * m) / cosine**2, other_width)))
+    slope = (n - cosine * m) / cosine**2
+    return parts.only(near & (heights <= _farthest(master, facet, heights, slope, other_width, most)))
 
 
-def _farthest(face: FacetPatch, facet: IntArray, away: FloatArray, slope: FloatArray, width: FloatArray) -> FloatArray:
+def _farthest(
+    face: FacetPatch, facet: IntArray, away: FloatArray, slope: FloatArray, width: FloatArray, most: Most | None = None
+) -> FloatArray:
     """Distances (p,) from which parts on some facets (p,) are beyond a step, by distances (p,) and slopes (p, 3)."""
-    nearest, rise = np.full(len(face), -np.inf), np.zeros(len(face))
-    np.maximum.at(nearest, facet, -away)
-    np.maximum.at(rise, facet, np.ptp(np.einsum("pni,pi->pn", face.x[facet], slope), axis=1))
-    most = []
-    for values in (width, rise, nearest):  # around each facet
-        at_nodes = np.full(face.size, -np.inf)
-        np.maximum.at(at_nodes, face.nodes, values[:, None])
-        most.append(np.max(at_nodes[face.nodes], axis=1))
-    return (most[0] + STEP * most[1] - most[2])[facet]
+    values = np.column_stack([width, np.zeros(len(face)), np.full(len(face), -np.inf)])
+    np.maximum.at(values[:, 1], facet, np.ptp(np.einsum("pni,pi->pn", face.x[facet], slope), axis=1))
+    np.maximum.at(values[:, 2], facet, -away)
+    at_nodes = np.full((face.size, 3), -np.inf)  # the largest around each
+    np.maximum.at(at_nodes, face.nodes, values[:, None])
+    at_nodes = at_nodes if most is None else most(at_nodes)
+    around = np.max(at_nodes[face.nodes], axis=1)
+    farthest: FloatArray = around[:, 0] + STEP * around[:, 1] - around[:, 2]
+    return farthest[facet]

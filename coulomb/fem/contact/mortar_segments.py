@@ -17,7 +17,7 @@ import scipy.sparse
 
 from ...arrays import FloatArray, IntArray
 from .facet_patch import STRAIGHT, FacetKind, FacetPatch, functions_at
-from .mortar_parts import Cells, Parts, cells_of, common_parts, nearest_layer, nearest_sheets
+from .mortar_parts import Cells, Most, Parts, cells_of, common_parts, nearest_layer, nearest_sheets
 
 _POINTS: Final = 100_000
 """Quadrature points evaluated at once, so that memory stays small."""
@@ -71,12 +71,12 @@ class Segments:
         return np.where(np.all(self.reached, axis=1) & (self.share > 0.999), off, 0.0)
 
 
-def segments(slave: FacetPatch, master: FacetPatch, depth: float, reach: float) -> Segments:
+def segments(slave: FacetPatch, master: FacetPatch, depth: float, reach: float, most: Most | None = None) -> Segments:
     """The integrals over the common parts of all slave facets with master facets, of which there is one at least, up to
     `depth` behind them (initial penetration) and `reach` before them, metres."""
     cells, others = cells_of(slave), cells_of(master)
-    parts = nearest_sheets(common_parts(cells, others, depth, reach), cells, others, slave, master)
-    parts, twice = nearest_layer(parts, cells)
+    parts, twice = nearest_layer(common_parts(cells, others, depth, reach), cells)
+    parts = nearest_sheets(parts, cells, others, slave, master, most)
     covered = np.bincount(parts.slave, parts.area * cells.radius[parts.slave] ** 2, len(cells.area))
     facets = len(slave)
     share = np.bincount(cells.facet, covered, facets) / np.bincount(cells.facet, cells.area, facets)

@@ -21,7 +21,7 @@ from ..bodies import DisplacementSpace
 from ..meshes import Exchange, fetched, owner_of, starts_of
 from .facet_patch import FacetKind, FacetPatch, facet_patch, mean_normals
 from .mortar import RINGS, Search, search_of
-from .mortar_parts import FACING, Cells, cells_of
+from .mortar_parts import FACING, Cells, Most, cells_of
 
 _STEPS: Final = 4
 """Intervals between the first places along an edge."""
@@ -162,6 +162,7 @@ class NearPair:
         owned: First of this rank's nodes among the numbers of `slave`, and the one after the last.
         size: Largest coordinate of the slave face, metres.
         extent: Its largest extent along an axis, metres.
+        most: The largest of all ranks of values at the master's nodes here, shape (nodes, d); collective; None on one.
     """
 
     slave: NearFace
@@ -170,6 +171,7 @@ class NearPair:
     search: Search | None
     size: float
     extent: float
+    most: Most | None = None
 
 
 def near_pair(slave: FacetPatch, master: FacetPatch, nodes: tuple[int, int], comm: MPI.Comm) -> NearPair:
@@ -196,7 +198,16 @@ def near_pair(slave: FacetPatch, master: FacetPatch, nodes: tuple[int, int], com
         there = _before(around.patch, master, other, search, comm)
     own = np.searchsorted(around.numbers, [first, first + nodes[0]])
     extent = float(np.max(extents[0]))
-    return NearPair(around, _face_of_rows(master, there, largest[1]), (int(own[0]), int(own[1])), search, size, extent)
+    opposite = _face_of_rows(master, there, largest[1])
+
+    def most(values: FloatArray) -> FloatArray:
+        to = Exchange(comm, owner_of(starts[1], opposite.numbers))
+        node, rows = to.send(opposite.numbers) - starts[1][comm.rank], to.send(values)
+        found = np.full((nodes[1], values.shape[1]), -np.inf)
+        np.maximum.at(found, node, rows)
+        return to.reply(found[node])
+
+    return NearPair(around, opposite, (int(own[0]), int(own[1])), search, size, extent, most)
 
 
 def whole_face(patch: FacetPatch) -> NearFace:

@@ -357,7 +357,7 @@ def pair_of(
     left_out = np.flatnonzero(fetched(comm, starts, near.slave.numbers, gone))
     large = any(isinstance(one.body, NonlinearBody) for one in elasticity.members)
     rows = on_all_ranks(
-        lambda: mortar_rows(on_one, on_other, near.owned, left_out, near.search, interpolated=not large),
+        lambda: mortar_rows(on_one, on_other, near.owned, left_out, near.search, not large, near.most),
         f"contact face {face!r}",
         comm,
     )

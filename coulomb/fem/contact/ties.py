@@ -27,6 +27,7 @@ from ..meshes import fetched, starts_of
 from .contact_points import among_all
 from .facet_patch import FacetKind, FacetPatch, facet_patch
 from .mortar import LEAST_DUAL, Search, nodal_sums, slave_functions, weak_nodes, without_rounding
+from .mortar_parts import Most
 from .mortar_segments import segments
 from .near_facets import near_pair
 from .pair import numbered, slave_side
@@ -161,16 +162,24 @@ class TiedRows:
     untied: IntArray
 
 
-def tied_rows(slave: FacetPatch, master: FacetPatch, left_out: npt.NDArray[np.bool_], search: Search) -> TiedRows:
-    """The rows of all nodes of a slave face but those left out (nodes,), whose functions are added to others; not
-    collective.  Those of nodes within `RINGS` of the end of the patch are wrong."""
+def tied_rows(
+    slave: FacetPatch,
+    master: FacetPatch,
+    left_out: npt.NDArray[np.bool_],
+    search: Search,
+    most: Most | None = None,
+) -> TiedRows:
+    """The rows of all nodes of a slave face but those left out (nodes,), whose functions are added to others; with
+    `most` (`nearest_sheets`) collective.  Those of nodes within `RINGS` of the end of the patch are wrong."""
     span, size = tying_functions(slave.kind), slave.size
     weights, opposite = (scipy.sparse.csr_matrix((0, columns)) for columns in (size, master.size))
     no, nothing = np.empty(0, dtype=np.int64), np.empty(0)
     untied = TiedRows(no, nothing, weights, opposite, weights, nothing, no)
     if not len(slave) or not len(master):
+        if most is not None:
+            most(np.full((master.size, 3), -np.inf))
         return untied
-    parts = segments(slave, master, search.depth, search.reach)
+    parts = segments(slave, master, search.depth, search.reach, most)
     full = parts.share > LEAST_DUAL
     mass = span @ parts.mass[full] @ span.T
     found = np.zeros((len(slave), slave.kind.width, slave.kind.width))
@@ -286,7 +295,7 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
     def tied(gone: npt.NDArray[np.bool_]) -> tuple[TiedRows, npt.NDArray[np.bool_], IntArray]:
         """The rows without the nodes that are gone; which of them are of nodes of this rank, and of which."""
         left_out = fetched(comm, starts, near.slave.numbers, gone)
-        found = on_all_ranks(lambda: tied_rows(one, other, left_out, search), given.what, comm)
+        found = on_all_ranks(lambda: tied_rows(one, other, left_out, search, near.most), given.what, comm)
         own = (found.node >= near.owned[0]) & (found.node < near.owned[1])
         return found, own, (near.slave.numbers[found.node[own]] - space.numbering.first).astype(np.int64)
 
