@@ -278,7 +278,7 @@ def _farthest(
     values = np.column_stack([width, np.zeros(len(face)), np.full(len(face), -np.inf)])
     np.maximum.at(values[:, 1], facet, np.ptp(np.einsum("pni,pi->pn", face.x[facet], slope), axis=1))
     np.maximum.at(values[:, 2], facet, -away)
-    at_nodes = np.full((face.size, 3), -np.inf)  # the largest around each
+    at_nodes: FloatArray = np.full((face.size, 3), -np.inf)  # the largest around each
     np.maximum.at(at_nodes, face.nodes, values[:, None])
     at_nodes = at_nodes if most is None else most(at_nodes)
     around = np.max(at_nodes[face.nodes], axis=1)
