@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import Final
 
-from ..arrays import is_number
+from ..arrays import is_number, is_of_ufl, short
 
 HALVINGS: Final = 6
 """Default of the maximum number of halvings of a failing load step."""
@@ -26,8 +26,10 @@ def refuse_times(start: float, times: Sequence[float]) -> None:
         times: Ends of the steps.
 
     Raises:
-        ValueError: If there are none, or they do not increase from `start`.
+        ValueError: If there are none, they are no numbers, or they do not increase from `start`.
     """
+    if isinstance(times, str) or is_of_ufl(times) or not hasattr(times, "__iter__"):
+        raise ValueError(f"history: times must be a list of numbers, as [0.5, 1.0], but is {short(times)}")
     ends = [start, *times]
     if len(ends) < 2:
         raise ValueError("history: times has no load step: give the time at which each ends, as times = [0.5, 1.0]")

@@ -10,6 +10,7 @@ import time
 
 import numpy as np
 import pytest
+import ufl
 from conftest import ROOT, STEEL, run_coulomb
 from shared_problems import RUBBER, UP, FailsAt, rubbed
 
@@ -145,6 +146,9 @@ def cube(amplitude=1.0, motion=None):
     ("make", "message"),
     [
         (lambda: LoadHistory([]), "times has no load step"),
+        (lambda: LoadHistory("12"), "times must be a list of numbers, as .*, but is '12'"),
+        (lambda: LoadHistory(1.0), "times must be a list of numbers, as .*, but is 1.0"),
+        (lambda: LoadHistory(ufl.as_ufl(1.0)), "times must be a list of numbers"),
         (lambda: LoadHistory([1.0], halvings=-1), "halvings must be at least 0"),
         (lambda: cube([(1, 0, 0)]), r"on 'top': amplitude must be a table of rows \[time, factor\]"),
         (lambda: cube(lambda t: 1 / t), "on 'top': the amplitude failed at time 0: (float )?division by zero"),

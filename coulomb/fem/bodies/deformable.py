@@ -81,7 +81,8 @@ class Deformable(ReducedBodies):
         if len(self.members) > 1:
             names = ", ".join(member.name for member in self.members)
             raise ValueError(
-                f"there are several bodies, {names}: take one of elasticity.members, or of Solution.functions"
+                f"there are several bodies, {names}: take one of elasticity.members, or of Solution.functions, as "
+                f'solution.functions[{self.members[0].name!r}], or a field of it, as ...("pressure")'
             )
         return self.members[0].body
 
