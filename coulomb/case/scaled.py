@@ -21,7 +21,7 @@ _LOADS = {
     "stiffness of the spring": ("spring", ("stiffness",)),
 }
 _SEVERAL = "there are several of this name"
-_OF_FRICTION = ("friction", "slip_stress", "cohesion", "friction_limit")
+_OF_FRICTION = ("friction", "slip stress", "cohesion", "friction limit")
 
 
 class NotScaled(ValueError):
@@ -62,13 +62,17 @@ def _known(case: Case, kind: str, face: str, factor: float) -> dict[str, Any]:
         return face in sides or set(face.split(" against ")) == sides
 
     of_contacts = {
-        "friction": (*_OF_FRICTION, "region"),
+        **{name: (name.replace(" ", "_"),) for name in _OF_FRICTION},
         "gap": ("gap",),
         "load on the foundation": ("force", "moment"),
     }
     if kind in of_contacts or kind == "motion of the foundation":
         keys = of_contacts.get(kind, ())
         found = changed(contacts, keys, here)
+        if kind in _OF_FRICTION:
+            found = tuple(
+                one.model_copy(update={"region": changed(one.region, keys)}) if here(one) else one for one in found
+            )
         if kind == "motion of the foundation":
             found = tuple(_moved(one, factor) if here(one) else one for one in contacts)
         several = isinstance(case.contact, tuple)

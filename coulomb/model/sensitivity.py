@@ -35,8 +35,8 @@ class Sensitivity:
     """What an answer owes to one input.
 
     Attributes:
-        name: "friction of 'bottom'", "pressure on 'top'", "young of 'upper'", "gap of 'bore'", "prescribed
-            displacements", "pretension", "motion of the foundation of 'bottom'".
+        name: "friction of 'bottom'", "cohesion of 'bottom'", "pressure on 'top'", "young of 'upper'", "gap of 'bore'",
+            "prescribed displacements", "pretension", "motion of the foundation of 'bottom'".
         contact_force: Derivative of x along the logarithm of the input, newtons, shape (3 m,): a hundredth of it is
             what 1 % more of the input does.
         displacement: Likewise of u, metres, this rank's nodes, shape (k, 3).
@@ -97,7 +97,7 @@ class _Input:
 def sensitivities(
     problem: DiscreteProblem, x: FloatArray, u: FloatArray, answer: NodalAnswer, earlier: Sequence[Sensitivity] = ()
 ) -> list[Sensitivity]:
-    """Of an answer to friction, given gaps, loads, prescribed displacements and Young's moduli; collective.
+    """Of an answer to friction, cohesion, given gaps, loads, prescribed displacements and Young's moduli; collective.
 
     Args:
         problem: The problem,
@@ -353,10 +353,12 @@ def _inputs(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatAr
         there = sum(known == name or known.startswith(f"{name} (") for known in found)
         found[f"{name} ({there + 1})" if there else name] = one
 
-    parts, bound = [surface.part == part for part in range(len(surface.faces))], problem.slip_bound(x)
-    for face, here in zip(surface.faces, parts, strict=True):
-        if over.any(bool(np.any(bound[here] > 0.0))):
-            put(f"friction of {face!r}", _Input(bound=np.where(here, bound, 0.0)))
+    parts, bounds = [surface.part == part for part in range(len(surface.faces))], problem.law.parts(x[0::3])
+    for face, here, contact in zip(surface.faces, parts, problem.contacts, strict=True):
+        for name, bound in bounds.items():
+            if over.any(bool(np.any(bound[here] > 0.0))):
+                alone = name == "cohesion" and contact.slip_stress is not None
+                put(f"{'slip stress' if alone else name} of {face!r}", _Input(bound=np.where(here, bound, 0.0)))
     for face, here in zip(surface.faces, parts, strict=True):
         if over.any(bool(np.any(gap[here] != 0.0))):
             put(f"gap of {face!r}", _Input(c=np.where(here, gap, 0.0)[:, None] * [1.0, 0.0, 0.0]))

@@ -192,6 +192,17 @@ class FrictionLaw:
         bound: FloatArray = self.cohesion + self.coefficient(x) * x
         return bound if self.limit is None else np.minimum(bound, self.limit)
 
+    def parts(self, x_n: FloatArray) -> dict[str, FloatArray]:
+        """The parts of the bound at normal forces x_n, by what each is in proportion to, newtons, shape (m,)."""
+        x = np.maximum(x_n, 0.0)
+        friction = self.coefficient(x) * x
+        within = self.cohesion + friction < self._limit
+        return {
+            "friction": np.where(within, friction, 0.0),
+            "cohesion": np.where(within, self.cohesion, 0.0),
+            "friction limit": np.where(within, 0.0, self._limit),
+        }
+
     def slope(self, x_n: FloatArray) -> FloatArray:
         """dr/dx_n at normal forces x_n > 0, both of shape (m,)."""
         F, rise = (self.friction, 0.0) if self.knots is None else self._between(x_n)

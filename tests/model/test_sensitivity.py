@@ -51,6 +51,16 @@ def free(friction=0.3, load=1.0, young=1.0):
     )
 
 
+def bonded(friction=0.3, cohesion=1e5, limit=4e5, pushed=1.0, young=1.0):
+    """With a cohesion, and a limit that friction reaches where the pressure is large."""
+    return coulomb.ContactProblem(
+        coulomb.box((1.0, 1.0, 0.5), (4, 4, 2)),
+        coulomb.Material(young * 1e9, 0.3),
+        [coulomb.PrescribedDisplacement("top", (2e-3 * pushed, 0.0, -3e-4 * pushed))],
+        coulomb.Contact("bottom", friction=friction, cohesion=cohesion, friction_limit=limit),
+    )
+
+
 def heated(friction=0.2, pushed=1.0, lower=1.0, upper=1.0):
     """Two bodies tied to each other, of different expansion: thermal forces are in proportion to Young's modulus."""
     upper_body = coulomb.moved(coulomb.box((1.0, 1.0, 0.3), (2, 2, 1)), translate=(0.0, 0.0, 0.3))
@@ -74,6 +84,7 @@ def heated(friction=0.2, pushed=1.0, lower=1.0, upper=1.0):
         (block, {"friction": 0.3, "gap": 2e-6, "top": 1.0, "right": 1.0, "young": 1.0}),
         (pair, {"friction": 0.2, "pushed": 1.0, "steel": 1.0, "rubber": 1.0}),
         (free, {"friction": 0.3, "load": 1.0, "young": 1.0}),
+        (bonded, {"friction": 0.3, "cohesion": 1e5, "limit": 4e5, "pushed": 1.0, "young": 1.0}),
         (heated, {"friction": 0.2, "pushed": 1.0, "lower": 1.0, "upper": 1.0}),
     ],
 )
