@@ -83,8 +83,8 @@ def heated(
 
 def at_contact(answer: Solution) -> tuple[ContactSurface, float, FloatArray, FloatArray]:
     """What conduction takes of an answer: contact points, time, pressures in pascals and the power of friction in
-    watts, shapes (m,); without load steps it has none."""
+    watts at the end of the load step, for which conduction is steady, shapes (m,); without load steps it has none."""
     nodes, problem = answer.at_nodes, answer.problem
-    work = (nodes.accumulated.friction_work - nodes.earlier.friction_work) * nodes.area
-    power = np.zeros_like(work) if problem.before is None else work / (problem.time - problem.before.time)
+    work, before = nodes.work_at_end, problem.before
+    power = np.zeros_like(work) if before is None else work / (problem.time - before.time)
     return problem.surface, problem.time, nodes.pressure, power

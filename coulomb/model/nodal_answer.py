@@ -235,7 +235,9 @@ class NodalAnswer:
         return np.where(self._open, OPEN, np.where(self._at_bound, SLIP, STICK))
 
     @cached_property
-    def _friction_work(self) -> FloatArray:
+    def work_at_end(self) -> FloatArray:
+        """Friction at the end of the load step times its slip, joules, shape (m,): over its time, the power of friction
+        at the end."""
         return np.sum(self.force[:, 1:] * self.relative_displacement[:, 1:], axis=1)
 
     @cached_property
@@ -254,10 +256,10 @@ class NodalAnswer:
         closing, apart = normal * self.compliance[:, 0], np.maximum(self.gap - self.displacement[:, 0], 0.0)
         part = np.divide(closing, closing + apart, out=np.zeros_like(closing), where=closing > 0.0)
         leaving = 0.5 * part * np.maximum(np.sum(friction * slip, axis=1), 0.0)
-        staying = 0.5 * (self._friction_work + bound * np.hypot(*slip.T))
+        staying = 0.5 * (self.work_at_end + bound * np.hypot(*slip.T))
         left = self._open & (self.law.radius(np.zeros_like(normal)) == 0.0)  # a cohesion acts on open nodes too
         touched = normal > OPEN_BELOW * Reductions(self.comm).max(normal)
-        return np.where(touched, np.where(left, leaving, staying), self._friction_work)
+        return np.where(touched, np.where(left, leaving, staying), self.work_at_end)
 
     @cached_property
     def accumulated(self) -> Accumulated:
@@ -267,7 +269,7 @@ class NodalAnswer:
     @property
     def dissipated_energy(self) -> float:
         """Work of friction against slip from `slip_origin`, joules; collective."""
-        return self._over.sum(self._friction_work)
+        return self._over.sum(self.work_at_end)
 
     @property
     def coefficient(self) -> FloatArray:
@@ -310,7 +312,7 @@ class NodalAnswer:
             **({"centre_of_pressure": None if centre is None else centre.tolist()} if alone else {}),
             "greatest_slip": max(over.max(moving[closed]), 0.0),
             "greatest_pressure": _or_none(over.max(force[:, 0] / self.area[here])),
-            "dissipated_energy": over.sum(self._friction_work[here]),
+            "dissipated_energy": over.sum(self.work_at_end[here]),
         }
 
     def numbers(self) -> dict[str, Any]:
