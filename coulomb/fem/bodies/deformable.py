@@ -278,6 +278,11 @@ class SingleBody(DisplacementSpace, Deformable):
         return []
 
     @property
+    def locks(self) -> str:
+        """Why cells of the user's forms are far too stiff, in words; empty if they are not; collective."""
+        return ""
+
+    @property
     def has_mean_dilatation(self) -> bool:
         """Whether volumes of nearly incompressible cells change by their mean (`mean_dilatation`)."""
         return False

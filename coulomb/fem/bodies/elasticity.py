@@ -333,9 +333,12 @@ def largest_poisson(materials: Materials) -> float:
 
 
 def locking_by_volume(bodies: Deformable) -> list[str]:
-    """Warnings of first-order bodies of a material near incompressibility without mean dilatations."""
+    """Warnings of first-order bodies of a material, or forms, near incompressibility without mean dilatations;
+    collective."""
     found = []
     for member in bodies.members:
+        if member.body.materials is None and member.body.locks:
+            found.append(f"forms{f' of body {member.name!r}' if member.name else ''}: {member.body.locks}")
         highest = 0.0 if member.body.materials is None else largest_poisson(member.body.materials)
         if highest > LOCKING_ABOVE and member.body.degree == 1 and not member.body.has_mean_dilatation:
             of, table = (f" of body {member.name!r}", "[[body]]") if member.name else ("", "[mesh]")

@@ -16,6 +16,7 @@ from ...arrays import FloatArray
 from .. import compat
 from ..compat import fem, ufl
 from ..geometry import on_all_ranks
+from ..meshes import boundary_facets
 from .compiled_form import compiled, with_own_degrees
 from .constraints import DirichletConditions, diagonal_of, rows_of
 from .deformable import SingleBody
@@ -104,16 +105,24 @@ class BilinearForm:
                 function.x.array[:] = taken
 
 
+_BULK: Final = 9.67
+"""Bulk over shear modulus at a Poisson's ratio of `LOCKING_ABOVE`."""
+
+_BENDING: Final = 2.0
+"""Energy of bending over the exact one from which on cells are said to lock."""
+
 _FREE: Final = 1e-12
 """Energy of a rigid motion below which it is free, per node of that motion and largest diagonal entry of a."""
 
 
 @dataclass
 class _SharedState:
-    """What the copies of a body share: the last time of the callable, and what was made last of the stiffness."""
+    """What the copies of a body share: the last time of the callable, what was made last of the stiffness, and whether
+    its cells lock, in words."""
 
     time: float | None = None
     made: Made | None = None
+    locks: str | None = None
 
 
 class FormBody(SingleBody):
@@ -206,6 +215,39 @@ class FormBody(SingleBody):
             free = free_motions(self.x, self.component, names_of_components(parts), of_each, comm, _FREE)
             self._made.ground = forces if np.max(sizes) > noise else None, free
         return self._made.ground
+
+    @property
+    def locks(self) -> str:
+        """Whether the first-order cells of forms near incompressibility are far too stiff in bending without change of
+        volume, (x z, 0, -(x^2 + z^2)/2) along the longest and the shortest axis, in words; collective."""
+        if self._present.locks is None:
+            bulk, bending = self._stiffer() if self._degree == 1 else (0.0, 0.0)
+            self._present.locks = (
+                f"bulk modulus {bulk:.3g} times that of shear: first-order cells are {bending:.2g} times too stiff in "
+                "bending, although the discrete problem is certified; a space of second order is not, nor hexahedra of "
+                "which one point a cell integrates changes of volume (docs/forms.md)"
+                if bulk > _BULK and bending > _BENDING
+                else ""
+            )
+        return self._present.locks
+
+    def _stiffer(self) -> tuple[float, float]:
+        """Bulk over shear modulus, as means, and the energy of bending over that of this shear modulus; collective."""
+        comm, outward = self.mesh.comm, self.normal_of(boundary_facets(self.domain))
+        ends = [np.max(comm.allgather(np.max(x, axis=0, initial=-np.inf)), axis=0) for x in (self.x, -self.x)]
+        low, high = -ends[1], ends[0]
+        x, order = self.x - 0.5 * (low + high), np.argsort(high - low)
+        z, along = x[:, order[0]], x[:, order[2]]
+        sheared, bent = np.zeros((2, *x.shape))
+        sheared[:, order[2]], sheared[:, order[0]] = along, -z
+        bent[:, order[2]], bent[:, order[0]] = along * z, -0.5 * (along**2 + z**2)
+        sums = [np.vdot(u, self.internal_force(u)) for u in (x, sheared, bent)]
+        sums += [np.vdot(outward, x) / 3.0, np.vdot(outward[:, order[0]], z**3) / 3.0]
+        of_volume, of_shear, of_bending, volume, second = comm.allreduce(np.array(sums), op=MPI.SUM)
+        if not (of_shear > 0.0 and second > 0.0):
+            return 0.0, 0.0  # forms that are refused
+        shear = of_shear / (4.0 * volume)
+        return of_volume / (9.0 * volume * shear), of_bending / (4.0 * shear * second)
 
     def suspects(self) -> str:
         return self._a.suspects(self._values)

@@ -1,5 +1,7 @@
 """A body from the user's forms: the same answers as from materials and loads of the package, and formulas."""
 
+import re
+
 import numpy as np
 import pytest
 import ufl
@@ -101,7 +103,8 @@ def test_selective_reduced_integration():
 
 
 def test_near_incompressibility_as_from_materials():
-    """Changes of volume by one point per cell are the mean dilatation of bricks, whose answer our materials have."""
+    """Changes of volume by one point per cell are the mean dilatation of bricks, whose answer our materials have; by
+    all points its mean square in bending, h^2/12, makes n cells across 1 + bulk/(4 mu n^2) times as stiff."""
     mesh, young, poisson = coulomb.box((2.0, 1.0, 0.5), (4, 2, 2)), 1e6, 0.4999
     mu, bulk = young / (2.0 * (1.0 + poisson)), young / (3.0 * (1.0 - 2.0 * poisson))
     press, contact = (0.0, 0.0, -0.01), Contact("bottom", 0.5)
@@ -114,6 +117,12 @@ def test_near_incompressibility_as_from_materials():
     theirs = ContactProblem(coulomb.Body(a, None, [script.bc(press, "top")], mesh), contact).solve(1e-11)
     assert theirs.valid and close(theirs.displacement, ours.displacement, 1e-8)
     assert close(theirs.contact_force, ours.contact_force, 1e-6)
+    assert not theirs.problem.body.remarks
+    locked = ContactProblem(coulomb.Body((shape + volume) * ufl.dx, None, [script.bc(press, "top")], mesh), contact)
+    (said,) = locked.body.remarks
+    bulks, times = (float(one) for one in re.findall(r"(\S+) times", said))
+    assert said.startswith("forms: bulk modulus") and bulks == pytest.approx(bulk / mu, rel=5e-3)
+    assert times == pytest.approx(1.0 + bulk / (16.0 * mu), rel=3e-2)
 
 
 def test_a_block_held_by_robin_terms_alone():
