@@ -12,7 +12,7 @@ from coulomb.model.certificate import SMALLEST, Evidence, judge
 from coulomb.nearest import among
 
 OTHERS = ("comm", "held", "compliance", "blocked", "averaged", "ground", "component", "bodies", "actions", "jump")
-OTHERS += ("owner", "place", "part", "faces", "opposite", "pairs", "held_owner", "held_part")
+OTHERS += ("owner", "place", "part", "faces", "opposite", "pairs", "held_owner", "held_part", "layer")
 ARRAYS = [field.name for field in fields(Evidence) if field.name not in OTHERS]
 
 
