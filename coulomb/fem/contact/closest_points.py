@@ -254,6 +254,7 @@ def hits(start: FloatArray, along: FloatArray, face: Facets, depth: float, reach
     return found
 
 
+_PROBES: Final = 0.8137
 _LEVEL: Final = 0.1
 _STEP: Final = 2.5
 """How much distances may differ around a facet before it is a step (`mortar_parts.nearest_sheets`): a part of its
@@ -275,15 +276,13 @@ def opposite(
     lines, ways = along.reshape(-1, 3)[met], np.abs(found.way[met])
     if np.max(ways, initial=0.0) > _LEVEL * min(np.min(of.width, initial=np.inf) for of in (slave, master)):
         normals = master.normal[found.facet[met]]
-        gone = ways > _farthest(slave, near, along, at, found, master)[np.repeat(np.arange(len(near)), len(at))[met]]
+        low, high = _levels(slave, near, master)[:, np.repeat(np.arange(len(near)), len(at))[met]]
+        gone = (ways < low) | (ways > high)
         heights = np.abs(np.einsum("ki,ki->k", lines, normals)) * ways
         far = heights > _LEVEL * master.width[found.facet[met]]
         if np.any(far):
-            behind = _beside(master, found.facet[met][far])
-            points, _, pieces = facet_rule(master.corners, master.degree)
-            back, of_slave = _lines(master, slave, behind, points, pieces)
-            farthest = np.full(len(master), np.inf)
-            farthest[behind] = _farthest(master, behind, back, points, of_slave, slave)
+            behind, farthest = _beside(master, found.facet[met][far]), np.full(len(master), np.inf)
+            farthest[behind] = _levels(master, behind, slave)[1]
             gone |= heights > farthest[found.facet[met]]
         lost = np.flatnonzero(met)[gone]
         found.facet[lost], found.way[lost] = -1, np.inf
@@ -309,14 +308,15 @@ def _lines(face: Facets, other: Facets, facet: IntArray, at: FloatArray, piece: 
     return along, hits(start, along.reshape(-1, 3), other, depth, reach)
 
 
-def _farthest(
-    face: Facets, near: IntArray, along: FloatArray, at: FloatArray, found: Hits, other: Facets
-) -> FloatArray:
-    """Distance from each of some facets (f,) from which on what its lines (f, q, 3) meet is beyond a step, shape
-    (f,)."""
-    within = np.min(facet_functions(face.corners, 1, at)[0], axis=1) > 0.0  # not on edges, shared with other facets
-    way = np.abs(found.way).reshape(along.shape[:2])[:, within]
-    along, n = along[:, within], other.normal[found.facet].reshape(along.shape)[:, within]
+def _levels(face: Facets, near: IntArray, other: Facets) -> FloatArray:
+    """Distances of each of some facets (f,) between which what its lines meet is on the level of the nearest around it,
+    shape (2, f), by lines from points of each of its pieces (`mortar_parts.PROBES`)."""
+    nodes = reference_nodes(face.corners, face.degree)
+    corners = nodes[PIECES[face.corners] if face.degree == 2 else [list(range(face.corners))]]
+    middle = corners.mean(axis=1, keepdims=True)
+    points = (middle + _PROBES * (corners - middle)).reshape(-1, 2)
+    along, found = _lines(face, other, near, points, np.repeat(np.arange(len(corners)), face.corners))
+    way, n = np.abs(found.way).reshape(along.shape[:2]), other.normal[found.facet].reshape(along.shape)
     cosine = np.einsum("fqi,fqi->fq", along, n)[:, :, None]
     slope = np.where(np.isfinite(way)[:, :, None], (n - cosine * along) / cosine**2, 0.0)
     rises = np.ptp(np.einsum("fni,fqi->fqn", face.x[near], slope), axis=2).max(axis=1)
@@ -326,7 +326,9 @@ def _farthest(
     most = np.full((3, len(near)), -np.inf)
     for largest, values in zip(most, (-way.min(axis=1), rises, face.width[near]), strict=True):
         np.maximum.at(largest, one, values[other_one])
-    return _LEVEL * most[2] + _STEP * most[1] - most[0]
+    own = way.min(axis=1)
+    least = np.where(np.isfinite(own), own - _LEVEL * face.width[near] - _STEP * rises, 0.0)
+    return np.stack([least, _LEVEL * most[2] + _STEP * most[1] - most[0]])
 
 
 def off_linear(

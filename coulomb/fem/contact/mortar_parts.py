@@ -239,6 +239,10 @@ def nearest_layer(parts: Parts, cells: Cells) -> tuple[Parts, IntArray]:
     return parts.only(keep), np.unique(parts.slave[~keep])
 
 
+PROBES: Final = 0.8137
+"""Way from the middle of a facet, of second order of its pieces, to the corners of the points before which the nearest
+part and slopes count: where edges of structured meshes do not meet."""
+
 LEVEL: Final = 0.1
 STEP: Final = 2.5
 """How much distances may differ around a facet before it is a step: a part of the width of a facet, which is a strain
@@ -253,8 +257,9 @@ Most: TypeAlias = Callable[[FloatArray], FloatArray]
 def nearest_sheets(
     parts: Parts, cells: Cells, others: Cells, slave: FacetPatch, master: FacetPatch, most: Most | None = None
 ) -> Parts:
-    """Without the parts beyond a step: farther from a facet of either face than the nearest part before it or the
-    facets beside it, by more than `LEVEL` and `STEP` explain; distances along its own normal.  With `most` collective.
+    """Without the parts beyond a step: farther from a facet of either face than the nearest part before a point of it
+    or of the facets beside it (`PROBES`), by more than `LEVEL` and `STEP` explain; distances along its own normal.
+    With `most` collective.
 
     The mean of distances on both sides of the edge of a step would let the edge into the slave; and teeth of a slave
     beside those that are in the grooves of the master are not opposite to these.
@@ -265,22 +270,47 @@ def nearest_sheets(
         return parts
     n, m = cells.frames[parts.slave, 2], others.area_vector[parts.master] / others.area[parts.master][:, None]
     cosine = np.einsum("pi,pi->p", n, m)[:, None]
-    near = away <= _farthest(slave, cells.facet[parts.slave], away, (m - cosine * n) / cosine**2, width)
-    heights, facet = away * np.abs(cosine[:, 0]), others.facet[parts.master]
-    slope = (n - cosine * m) / cosine**2
-    return parts.only(near & (heights <= _farthest(master, facet, heights, slope, other_width, most)))
+    facet, heights = cells.facet[parts.slave], away * np.abs(cosine[:, 0])
+    seen = _before_points(parts, cells, slave, facet)
+    least, farthest = _levels(slave, facet, away, (m - cosine * n) / cosine**2, width, seen)
+    level = (away >= least) & (away <= farthest)
+    facet = others.facet[parts.master]
+    seen, slope = _before_points(parts, cells, master, facet), (n - cosine * m) / cosine**2
+    return parts.only(level & (heights <= _levels(master, facet, heights, slope, other_width, seen, most)[1]))
 
 
-def _farthest(
-    face: FacetPatch, facet: IntArray, away: FloatArray, slope: FloatArray, width: FloatArray, most: Most | None = None
-) -> FloatArray:
-    """Distances (p,) from which parts on some facets (p,) are beyond a step, by distances (p,) and slopes (p, 3)."""
+def _before_points(parts: Parts, cells: Cells, face: FacetPatch, facet: IntArray) -> npt.NDArray[np.bool_]:
+    """Whether the parts have a point (`PROBES`) of one of these facets (p,), shape (p,)."""
+    corners = face.x[:, face.kind.pieces]
+    middle = corners.mean(axis=2, keepdims=True)
+    probes = (middle + PROBES * (corners - middle)).reshape(len(face), -1, 3)
+    points = cells.seen(parts.slave, probes[facet])[:, :, None, :2]
+    start, end = parts.polygon[:, None], np.roll(parts.polygon, -1, axis=1)[:, None]
+    along, to = end - start, points - start
+    inside = along[..., 0] * to[..., 1] - along[..., 1] * to[..., 0] >= 0.0
+    return np.any(np.all(inside, axis=2), axis=1)
+
+
+def _levels(
+    face: FacetPatch,
+    facet: IntArray,
+    away: FloatArray,
+    slope: FloatArray,
+    width: FloatArray,
+    seen: npt.NDArray[np.bool_],
+    most: Most | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Distances (p,) between which parts on some facets (p,) are on the level of the nearest around them, by those of
+    the parts (p,) and slopes (p, 3): not beyond a step of the nearest that are `seen`, and no slivers before one."""
     values = np.column_stack([width, np.zeros(len(face)), np.full(len(face), -np.inf)])
-    np.maximum.at(values[:, 1], facet, np.ptp(np.einsum("pni,pi->pn", face.x[facet], slope), axis=1))
-    np.maximum.at(values[:, 2], facet, -away)
+    rises = np.ptp(np.einsum("pni,pi->pn", face.x[facet[seen]], slope[seen]), axis=1)
+    np.maximum.at(values[:, 1], facet[seen], rises)
+    np.maximum.at(values[:, 2], facet[seen], -away[seen])
     at_nodes: FloatArray = np.full((face.size, 3), -np.inf)  # the largest around each
     np.maximum.at(at_nodes, face.nodes, values[:, None])
     at_nodes = at_nodes if most is None else most(at_nodes)
     around = np.max(at_nodes[face.nodes], axis=1)
-    farthest: FloatArray = around[:, 0] + STEP * around[:, 1] - around[:, 2]
-    return farthest[facet]
+    farthest = around[:, 0] + STEP * around[:, 1] - around[:, 2]
+    own = -values[:, 2]
+    nearest = np.where(np.isfinite(own), own - values[:, 0] - STEP * values[:, 1], 0.0)
+    return nearest[facet], farthest[facet]
