@@ -257,8 +257,8 @@ def hits(start: FloatArray, along: FloatArray, face: Facets, depth: float, reach
 _PROBES: Final = 0.8137
 _LEVEL: Final = 0.1
 _STEP: Final = 2.5
-"""How much distances may differ around a facet before it is a step (`mortar_parts.nearest_sheets`): a part of its
-width, and its extent along the slope times sin t/cos^2 t of the angle t between both faces."""
+_NEAR: Final = 4.0
+"""What is a step, as `mortar_parts.nearest_sheets` defines it."""
 
 
 def opposite(
@@ -275,15 +275,18 @@ def opposite(
     met = np.isfinite(found.way)
     lines, ways = along.reshape(-1, 3)[met], np.abs(found.way[met])
     if np.max(ways, initial=0.0) > _LEVEL * min(np.min(of.width, initial=np.inf) for of in (slave, master)):
-        normals = master.normal[found.facet[met]]
+        own, there = np.repeat(near, len(at))[met], found.facet[met]
+        normals = master.normal[there]
+        cosine = np.einsum("ki,ki->k", lines, normals)[:, None]
         low, high = _levels(slave, near, master)[:, np.repeat(np.arange(len(near)), len(at))[met]]
-        gone = (ways < low) | (ways > high)
-        heights = np.abs(np.einsum("ki,ki->k", lines, normals)) * ways
-        far = heights > _LEVEL * master.width[found.facet[met]]
+        rises = _STEP * _rises(slave.x[own], (normals - cosine * lines) / cosine**2)
+        gone, heights = (ways < low - rises) | (ways > high + rises), np.abs(cosine[:, 0]) * ways
+        far = heights > _LEVEL * master.width[there]
         if np.any(far):
-            behind, farthest = _beside(master, found.facet[met][far]), np.full(len(master), np.inf)
+            behind, farthest = _beside(master, there[far]), np.full(len(master), np.inf)
             farthest[behind] = _levels(master, behind, slave)[1]
-            gone |= heights > farthest[found.facet[met]]
+            rises = _STEP * _rises(master.x[there], (lines - cosine * normals) / cosine**2)
+            gone |= heights > farthest[there] + rises
         lost = np.flatnonzero(met)[gone]
         found.facet[lost], found.way[lost] = -1, np.inf
     given = np.isin(near, facet)
@@ -308,6 +311,12 @@ def _lines(face: Facets, other: Facets, facet: IntArray, at: FloatArray, piece: 
     return along, hits(start, along.reshape(-1, 3), other, depth, reach)
 
 
+def _rises(x: FloatArray, slope: FloatArray) -> FloatArray:
+    """How much distances differ over facets x (k, n, 3) along slopes (k, 3), by `mortar_parts`; shape (k,)."""
+    steeper = 1.0 + (np.linalg.norm(slope, axis=1) / 3.0) ** 4
+    return steeper * np.ptp(np.einsum("kni,ki->kn", x, slope), axis=1)
+
+
 def _levels(face: Facets, near: IntArray, other: Facets) -> FloatArray:
     """Distances of each of some facets (f,) between which what its lines meet is on the level of the nearest around it,
     shape (2, f), by lines from points of each of its pieces (`mortar_parts.PROBES`)."""
@@ -319,16 +328,18 @@ def _levels(face: Facets, near: IntArray, other: Facets) -> FloatArray:
     way, n = np.abs(found.way).reshape(along.shape[:2]), other.normal[found.facet].reshape(along.shape)
     cosine = np.einsum("fqi,fqi->fq", along, n)[:, :, None]
     slope = np.where(np.isfinite(way)[:, :, None], (n - cosine * along) / cosine**2, 0.0)
-    rises = np.ptp(np.einsum("fni,fqi->fqn", face.x[near], slope), axis=2).max(axis=1)
+    rises = _rises(np.repeat(face.x[near], len(points), axis=0), slope.reshape(-1, 3)).reshape(way.shape).max(axis=1)
     rows, columns = np.repeat(np.arange(len(near)), face.nodes.shape[1]), face.nodes[near].ravel()
     on = scipy.sparse.csr_matrix((np.ones(len(rows)), (rows, columns)))
     one, other_one = (on @ on.T).nonzero()
     most = np.full((3, len(near)), -np.inf)
     for largest, values in zip(most, (-way.min(axis=1), rises, face.width[near]), strict=True):
         np.maximum.at(largest, one, values[other_one])
-    own = way.min(axis=1)
-    least = np.where(np.isfinite(own), own - _LEVEL * face.width[near] - _STEP * rises, 0.0)
-    return np.stack([least, _LEVEL * most[2] + _STEP * most[1] - most[0]])
+    own, width = way.min(axis=1), face.width[near]
+    least = np.where(own <= _NEAR * width, own - _LEVEL * width - _STEP * rises, 0.0)
+    return np.stack(
+        [least, np.where(-most[0] <= _NEAR * most[2], _LEVEL * most[2] + _STEP * most[1] - most[0], np.inf)]
+    )
 
 
 def off_linear(

@@ -246,8 +246,11 @@ part and slopes count: where edges of structured meshes do not meet."""
 LEVEL: Final = 0.1
 STEP: Final = 2.5
 """How much distances may differ around a facet before it is a step: a part of the width of a facet, which is a strain
-for which a step would close, and a multiple of what its extent along the slope, at an angle t between both faces, times
-sin t/cos^2 t is."""
+for which a step would close, and a multiple of what its extent along the slope times `_slopes` is."""
+
+NEAR: Final = 4.0
+"""Widths of a facet within which the nearest part must be for others to be beyond a step: lines of curved faces that
+are far apart diverge."""
 
 
 Most: TypeAlias = Callable[[FloatArray], FloatArray]
@@ -272,11 +275,17 @@ def nearest_sheets(
     cosine = np.einsum("pi,pi->p", n, m)[:, None]
     facet, heights = cells.facet[parts.slave], away * np.abs(cosine[:, 0])
     seen = _before_points(parts, cells, slave, facet)
-    least, farthest = _levels(slave, facet, away, (m - cosine * n) / cosine**2, width, seen)
+    least, farthest = _levels(slave, facet, away, _slopes((m - cosine * n) / cosine**2), width, seen)
     level = (away >= least) & (away <= farthest)
     facet = others.facet[parts.master]
-    seen, slope = _before_points(parts, cells, master, facet), (n - cosine * m) / cosine**2
+    seen, slope = _before_points(parts, cells, master, facet), _slopes((n - cosine * m) / cosine**2)
     return parts.only(level & (heights <= _levels(master, facet, heights, slope, other_width, seen, most)[1]))
+
+
+def _slopes(vectors: FloatArray) -> FloatArray:
+    """Vectors (p, 3) along the slope, of the length s = sin t/cos^2 t of the angle t between both faces, times
+    1 + (s/3)^4: beyond 60 degrees, as of a ball beside its pole, all is a slope."""
+    return vectors * (1.0 + (np.linalg.norm(vectors, axis=1)[:, None] / 3.0) ** 4)
 
 
 def _before_points(parts: Parts, cells: Cells, face: FacetPatch, facet: IntArray) -> npt.NDArray[np.bool_]:
@@ -303,14 +312,15 @@ def _levels(
     """Distances (p,) between which parts on some facets (p,) are on the level of the nearest around them, by those of
     the parts (p,) and slopes (p, 3): not beyond a step of the nearest that are `seen`, and no slivers before one."""
     values = np.column_stack([width, np.zeros(len(face)), np.full(len(face), -np.inf)])
-    rises = np.ptp(np.einsum("pni,pi->pn", face.x[facet[seen]], slope[seen]), axis=1)
-    np.maximum.at(values[:, 1], facet[seen], rises)
+    rises = np.ptp(np.einsum("pni,pi->pn", face.x[facet], slope), axis=1)
+    np.maximum.at(values[:, 1], facet[seen], rises[seen])
     np.maximum.at(values[:, 2], facet[seen], -away[seen])
     at_nodes: FloatArray = np.full((face.size, 3), -np.inf)  # the largest around each
     np.maximum.at(at_nodes, face.nodes, values[:, None])
     at_nodes = at_nodes if most is None else most(at_nodes)
     around = np.max(at_nodes[face.nodes], axis=1)
-    farthest = around[:, 0] + STEP * around[:, 1] - around[:, 2]
+    near = -LEVEL * around[:, 2] <= NEAR * around[:, 0]
+    farthest = np.where(near, around[:, 0] + STEP * around[:, 1] - around[:, 2], np.inf)
     own = -values[:, 2]
-    nearest = np.where(np.isfinite(own), own - values[:, 0] - STEP * values[:, 1], 0.0)
-    return nearest[facet], farthest[facet]
+    nearest = np.where(-LEVEL * values[:, 2] <= NEAR * values[:, 0], own - values[:, 0] - STEP * values[:, 1], 0.0)
+    return nearest[facet] - STEP * rises, farthest[facet] + STEP * rises
