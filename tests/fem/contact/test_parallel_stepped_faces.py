@@ -113,3 +113,27 @@ def test_teeth_touch_those_of_their_grooves_alone(combs, slave, degree):
         for of in (whole.at_nodes, each.at_nodes)
     )
     assert count == expected and force == pytest.approx(theirs, rel=1e-6)
+
+
+@pytest.mark.parametrize("slave", ["ball", "floor"])
+def test_a_rounded_face_far_away_has_no_steps(slave):
+    """Half a ring eight radii above a floor: lines from its flanks part, and so do their distances."""
+    upper = coulomb.box((1.0, 0.2, 1.0), (16, 2, 3)).domain
+    x = upper.geometry.x
+    angle, radius = np.radians(160) * (x[:, 0] - 0.5), 0.5 - 0.2 * x[:, 2]
+    x[:, 0], x[:, 2] = 1.0 + radius * np.sin(angle), 5.0 - radius * np.cos(angle)
+
+    def around(radius):
+        return lambda x: np.isclose(np.hypot(x[0] - 1.0, x[2] - 5.0), radius)
+
+    bodies = {"upper": coulomb.NamedMesh(upper, faces={"rim": around(0.5), "bore": around(0.3)})}
+    bodies["lower"] = coulomb.box((2.0, 0.2, 0.5), (17, 2, 3))
+    pair = ("upper:rim", "lower:top") if slave == "ball" else ("lower:top", "upper:rim")
+    supports = [Clamp("lower:bottom"), PrescribedDisplacement("upper:bore", (0.0, 0.0, -1e-5))]
+    answer = ContactProblem(coulomb.join(**bodies), MATERIAL, supports, Contact(pair[0], 0.2, against=pair[1])).solve()
+    assert answer.certificate.passed
+    nodes = answer.at_nodes
+    assert MPI.COMM_WORLD.allreduce(len(nodes.gap)) == 3 * (3 if slave == "ball" else 10)  # what lines still meet
+    if slave == "floor":
+        inner = np.abs(nodes.x[:, 0] - 1.0) < 0.45
+        assert nodes.gap[inner] == pytest.approx(4.5 - np.sqrt(0.25 - (nodes.x[inner, 0] - 1.0) ** 2), rel=0.01)
