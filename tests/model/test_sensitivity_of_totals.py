@@ -1,0 +1,77 @@
+"""Derivatives of totals of answers other than forces of contact, against differences of answers and formulas."""
+
+import numpy as np
+import pytest
+
+import coulomb
+
+
+def sprung(stiffness=1.0, pushed=1.0, young=1.0):
+    """A block on springs, held on one side, with probes."""
+    return coulomb.ContactProblem(
+        coulomb.box((1.0, 1.0, 0.5), (3, 3, 2)),
+        coulomb.Material(1e9 * young, 0.3),
+        [coulomb.PrescribedDisplacement("left", (1e-3, 0.0, 1e-4))],
+        coulomb.Contact("bottom", friction=0.3),
+        [coulomb.Pressure("top", 1e7 * pushed)],
+        springs=[coulomb.Spring("right", (2e8 * stiffness, 3e8 * stiffness, 1e8 * stiffness))],
+        probes=[coulomb.Probe("above", (0.5, 0.5, 0.5)), coulomb.Probe("below", (0.9, 0.4, 0.0))],
+    )
+
+
+def turned(pushed=1.0, moved=1.0, young=1.0):
+    """A block with a rigid side, of which a motion is given."""
+    return coulomb.ContactProblem(
+        coulomb.box((1.0, 1.0, 0.5), (3, 3, 2)),
+        coulomb.Material(1e9 * young, 0.3),
+        [],
+        coulomb.Contact("bottom", friction=0.3),
+        [coulomb.TotalForce("top", (0.5e5 * pushed, 0.0, -1e6 * pushed))],
+        rigid_faces=[coulomb.RigidFace("right", translation=(1e-4 * moved, None, None))],
+    )
+
+
+def bolted(force=1.0, young=1.0):
+    """Two blocks on each other, tightened by a section between them; supports hold nodes on which it pulls."""
+    upper = coulomb.moved(coulomb.box((0.3, 0.3, 0.4), (2, 2, 2)), translate=(0.1, 0.1, 0.5))
+    return coulomb.ContactProblem(
+        coulomb.join(low=coulomb.box((0.5, 0.5, 0.5), (3, 3, 2)), up=upper),
+        {"low": coulomb.Material(2e11, 0.3), "up": coulomb.Material(2e11 * young, 0.3)},
+        [coulomb.PrescribedDisplacement("up:top", (1e-5, 0.0, 0.0)), coulomb.Clamp("low:left", "z")],
+        coulomb.Contact("low:bottom", friction=0.3),
+        [coulomb.TotalForce("low:right", (1e3, 0.0, -2e3))],
+        ties=[coulomb.Pretension("up:bottom", "low:top", force=-1e5 * force)],
+    )
+
+
+def other_totals(answer):
+    """Of reactions, probes, bolts and rigid faces, by kind, name and what it is."""
+    kinds = {"reactions": answer.reactions, "bolts": answer.bolts, "rigid_faces": answer.rigid_faces}
+    named = [(kind, getattr(one, "name", None) or one.face, one) for kind, some in kinds.items() for one in some]
+    named += [("probes", one.name, one) for one in answer.probes]
+    wanted = ("force", "moment", "translation", "rotation", "shortening", "displacement", "slip", "pressure")
+    found = {(k, name, of): getattr(one, of, None) for k, name, one in named for of in wanted}
+    return {key: np.asarray(value, dtype=float) for key, value in found.items() if value is not None}
+
+
+@pytest.mark.parametrize(
+    "make, inputs",
+    [
+        (sprung, {"stiffness of the spring on 'right'": "stiffness", "pressure on 'top'": "pushed", "young": "young"}),
+        (turned, {"total force on 'top'": "pushed", "prescribed displacements": "moved", "young": "young"}),
+        (bolted, {"pretension": "force", "young of 'up'": "young"}),
+    ],
+)
+def test_reactions_probes_bolts_and_rigid_faces_are_those_of_central_differences(make, inputs):
+    answer = make().solve(tolerance=1e-12)
+    values, by, h = other_totals(answer), {one.name: one for one in answer.sensitivities()}, 1e-4
+    assert values
+    for name, key in inputs.items():
+        assert by[name].step > h
+        more, less = (other_totals(make(**{key: 1.0 + d}).solve(tolerance=1e-12)) for d in (h, -h))
+        for kind, called, of in values:
+            found = np.asarray(by[name].others[kind][called][of])
+            size = max(np.abs(one).max() for (k, _, o), one in values.items() if (k, o) == (kind, of))
+            difference = (more[kind, called, of] - less[kind, called, of]) / (2.0 * h)
+            least = 1e-6 if of == "moment" else 1e-9  # moments about points where they are 0
+            assert found == pytest.approx(difference, abs=1e-5 * size + least), (name, kind, called, of)
