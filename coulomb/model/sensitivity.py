@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.bodies import End, Loading, NonlinearBody, ThermalLoad, nonlinear
+from ..fem.bodies import End, Loading, ThermalLoad, nonlinear
 from ..linalg.reductions import Reductions
 from ..solvers.derivatives import Change, Derivative, derivatives
 from ..solvers.successive_tresca import Anderson
@@ -41,9 +41,10 @@ class Sensitivity:
             what 1 % more of the input does.
         displacement: Likewise of u, metres, this rank's nodes, shape (k, 3).
         totals: Of each contact by its name derivatives of "force" and "moment" on the body, "normal_force",
-            "friction_force" and "dissipated_energy", newtons, newton metres and joules.
+            "friction_force", "contact_area", "centre_of_pressure", "mean_pressure" (normal force over contact area)
+            and "dissipated_energy", newtons, newton metres, m^2, metres, pascals and joules.
         others: Likewise of "reactions" of supports, "rigid_faces" and "bolts", and of "probes", by their names, as the
-            answer has them; what is empty is left out.
+            answer has them, and of "bodies" the "strain_energy"; what is empty is left out.
         step: Relative change of the input up to which no contact point opens, closes, sticks or slips anew, to first
             order: so far the answer is linear in it.  In a history, the least of its load steps.
         border: Number of contact points on the border of two states.  If there are any, or were in a load step before,
@@ -83,13 +84,14 @@ def refuse(problem: DiscreteProblem) -> None:
 class _Input:
     """The change of a problem along the logarithm of an input: bounds of friction in newtons (m,), gaps and the
     displacements from which slip counts in metres (m, 3), and loads and prescribed displacements, where they change;
-    of the stiffness of a spring its number, beside its forces as loads; loads along free motions, newtons, (q,); and
-    the factors of the motions of foundations, shape (faces,)."""
+    of the stiffness of a spring, or of a body, its number, beside its forces as loads; loads along free motions,
+    newtons, (q,); and the factors of the motions of foundations, shape (faces,)."""
 
     bound: FloatArray | float = 0.0
     c: FloatArray | float = 0.0
     loading: Loading | None = None
     spring: int | None = None
+    body: int | None = None
     e: FloatArray | float = 0.0
     motions: FloatArray | None = None
 
@@ -173,7 +175,7 @@ class _Answer:
         poses, then = (self._problem.state.poses_after(alpha) for alpha in (sign * at.owed.alpha, 0.0 * at.owed.alpha))
         way = None if poses is None or then is None else poses - then
         c = of.c + self._terms.relative(sign * at.owed.alpha)
-        return Derived(at.problem, sign * at.owed.x, at.u, way, c, of.terms, pulled, moved, spring)
+        return Derived(at.problem, sign * at.owed.x, at.u, way, c, of.terms, pulled, moved, spring, one.body)
 
     @cached_property
     def _held(self) -> FloatArray | None:
@@ -387,16 +389,15 @@ def _inputs(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatAr
     for number, spring in enumerate(body.spring_forces(u)):
         place = "" if spring.face is None else f" on {spring.face!r}"
         put(f"stiffness of the spring{place}", _Input(loading=replace(still, load=spring.forces), spring=number))
-    for member, part in zip(body.members, loading.parts or [loading], strict=True):
+    for number, (member, part) in enumerate(zip(body.members, loading.parts or [loading], strict=True)):
         if member.body.materials is None:
             continue
-        forces = np.zeros_like(body.x)
-        if isinstance(member.body, NonlinearBody):  # strain energies are in proportion to their moduli
-            there = member.body.place
-            outer = [one for one in (there.load, there.spring) if one is not None]
-            forces[member.nodes] = there.loading.load - sum(outer)
-        else:
-            strained = (one.forces for one in member.body.loads_in(part) if one.kind == ThermalLoad.kind)
-            forces[member.nodes] = sum(strained) - member.body.internal_force(u[member.nodes])
-        put("young" + (f" of {member.name!r}" if member.name else ""), _Input(loading=replace(still, load=forces)))
+        forces = np.zeros_like(body.x)  # strain energies are in proportion to their moduli
+        forces[member.nodes] = -member.body.strain_force(u[member.nodes])
+        if not member.body.large:
+            forces[member.nodes] += sum(
+                one.forces for one in member.body.loads_in(part) if one.kind == ThermalLoad.kind
+            )
+        name = "young" + (f" of {member.name!r}" if member.name else "")
+        put(name, _Input(loading=replace(still, load=forces), body=number))
     return found

@@ -14,7 +14,7 @@ from ..linalg.reductions import Reductions
 from .discrete_problem import DiscreteProblem
 from .force_balance import force_balance
 from .geometric_terms import Terms
-from .nodal_answer import NodalAnswer
+from .nodal_answer import OPEN, NodalAnswer
 from .resultants import Resultant, resultants
 
 
@@ -32,6 +32,7 @@ class Derived:
         pulled: Whether the input are forces of bolts,
         moved: or motions of rigid faces.
         spring: The number of the spring whose stiffness is the input, and its forces, newtons, (k, 3); None of others.
+        body: The number of the body whose modulus is the input; None of others.
     """
 
     problem: DiscreteProblem
@@ -43,11 +44,11 @@ class Derived:
     pulled: bool
     moved: bool
     spring: tuple[int, FloatArray] | None
+    body: int | None
 
 
 def contact_totals(at: NodalAnswer, derived: Derived, sign: float) -> dict[str, dict[str, Any]]:
-    """Of every contact by its name "force" and "moment" on the body, "normal_force", "friction_force" and
-    "dissipated_energy", newtons, newton metres and joules, as an input grows (1) or falls (-1); collective."""
+    """Of every contact by its name, as of `Sensitivity.totals`, as an input grows (1) or falls (-1); collective."""
     surface, found, dx = derived.problem.surface, dict[str, dict[str, Any]](), derived.x.reshape(-1, 3)
     over, along_surface = Reductions(at.comm, at.copies), np.array([0.0, 1.0, 1.0])
     on_body, of_friction = -surface.vectors(dx), -surface.vectors(dx * along_surface)
@@ -58,24 +59,33 @@ def contact_totals(at: NodalAnswer, derived: Derived, sign: float) -> dict[str, 
     slip, slipping = at.relative_displacement, surface.rows(derived.u) - derived.c
     work = np.sum((dx * slip + at.force * slipping)[:, 1:], axis=1)
     turning = np.cross(at.x, on_body) + np.cross(places, at.on_body)
+    closed, stretch = at.status != OPEN, np.zeros(len(places)) if terms is None else terms.area
+    levers = dx[:, :1] * at.x + at.force[:, :1] * places
     for part, face in enumerate(at.faces):
         here = surface.part == part
         friction, change = (over.total(of[here].sum(axis=0)) for of in (present, of_friction))
-        size = float(np.linalg.norm(friction))
+        size, pressing = float(np.linalg.norm(friction)), over.sum(dx[here, 0])
+        normal, area, more = (over.sum(of[here]) for of in (at.force[:, 0], at.area * closed, stretch * closed))
         found[face] = {
             "force": over.total(on_body[here].sum(axis=0)).tolist(),
             "moment": over.total(turning[here].sum(axis=0)).tolist(),
-            "normal_force": over.sum(dx[here, 0]),
+            "normal_force": pressing,
             "friction_force": float(friction @ change) / size if size > 0.0 else sign * float(np.linalg.norm(change)),
+            "contact_area": more,
             "dissipated_energy": over.sum(work[here]),
         }
+        if normal > 0.0 and area > 0.0:
+            centre = over.total(at.force[here, 0] @ at.x[here]) / normal
+            moved = over.total(levers[here].sum(axis=0)) - pressing * centre
+            found[face]["centre_of_pressure"] = (moved / normal).tolist()
+            found[face]["mean_pressure"] = (pressing - more * normal / area) / area
     return found
 
 
 def other_totals(
     at: NodalAnswer, derived: Derived, totals: Mapping[str, Mapping[str, Any]], held: FloatArray | None, u: FloatArray
 ) -> dict[str, dict[str, Any]]:
-    """Of reactions, probes, bolts, rigid faces and foundations under load, by their names.
+    """Of reactions, probes, bodies, bolts, rigid faces and foundations under load, by their names.
 
     Args:
         at: The answer at the contact points.
@@ -103,6 +113,7 @@ def other_totals(
     entries: dict[str, dict[str, dict[str, Any]]] = {
         "reactions": {one.name: _moments(one) for one in of},
         "probes": _probes(at, derived),
+        "bodies": _strained(derived, u, over),
     }
     if constraints.ties:
         tied, still = (force_balance(changed, of, none, left, none) for of, left in ((du, imbalance), (none, none)))
@@ -123,6 +134,18 @@ def other_totals(
 
 def _moments(one: Resultant) -> dict[str, Any]:
     return {"force": one.force, "moment": one.moment}
+
+
+def _strained(derived: Derived, u: FloatArray, over: Reductions) -> dict[str, dict[str, Any]]:
+    """Strain energy, which is in proportion to the moduli of a body; collective."""
+    found = {}
+    for number, one in enumerate(derived.problem.elasticity.members):
+        energy = one.body.strain_energy(u[one.nodes])
+        if energy is not None:
+            change = over.dot(one.body.strain_force(u[one.nodes]), derived.u[one.nodes])
+            of_stiffness = over.copies * energy if number == derived.body else 0.0
+            found[one.name] = {"strain_energy": change + of_stiffness}
+    return found
 
 
 def _probes(at: NodalAnswer, derived: Derived) -> dict[str, dict[str, Any]]:

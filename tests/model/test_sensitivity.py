@@ -160,7 +160,7 @@ def test_forces_are_homogeneous():
 
 def test_a_sliding_block_has_friction_in_proportion_to_its_coefficient():
     """T = F N, with N by the weight on top: dT/dlog F = T, and neither stiffness nor way changes it, but for the
-    directions of slip, 1e-4 apart."""
+    directions of slip, 1e-4 apart.  Its work is F N (s - c N / E), c of the block and F."""
     problem = coulomb.ContactProblem(
         coulomb.box((1.0, 1.0, 0.5), (3, 3, 2)),
         coulomb.Material(1e9, 0.0),
@@ -175,6 +175,11 @@ def test_a_sliding_block_has_friction_in_proportion_to_its_coefficient():
     assert by["total force on 'top'"]["friction_force"] == pytest.approx(3e5, rel=1e-7)
     for name in ("young", "prescribed displacements"):
         assert by[name]["friction_force"] == pytest.approx(0.0, abs=0.1)
+    work, way = {name: one["dissipated_energy"] for name, one in by.items()}, 3e5 * 0.01
+    left = answer.forces["dissipated_energy"]
+    assert work["prescribed displacements"] == pytest.approx(way, rel=1e-4)
+    assert work["young"] == pytest.approx(way - left, rel=1e-3)
+    assert work["total force on 'top'"] == pytest.approx(left - work["young"], rel=1e-8)
 
 
 def test_on_the_command_line_and_where_it_is_refused(tmp_path):

@@ -37,7 +37,8 @@ def differs(make, inputs, times=(1.0,), h=1e-4):
         "x": off(lambda one: one.contact_force, lambda answer: answer.contact_force),
         "u": off(lambda one: one.displacement, lambda answer: answer.displacement),
     }
-    for name in ("force", "moment", "normal_force", "friction_force", "dissipated_energy"):
+    totals = "force", "moment", "normal_force", "friction_force", "dissipated_energy", "contact_area"
+    for name in (*totals, "centre_of_pressure"):
         of_face = lambda one, name=name: one.totals[face][name], lambda answer, name=name: answer.forces[name]
         worst[name] = off(*of_face, smallest=1e-2)  # newtons, newton metres, joules: all may stick
     for kind, names in (("reactions", ("force", "moment")), ("loaded_foundations", ("translation", "rotation"))):
@@ -49,6 +50,19 @@ def differs(make, inputs, times=(1.0,), h=1e-4):
                     lambda answer, kind=kind, number=number, of=of: getattr(getattr(answer, kind)[number], of),
                     1e-6,
                 )
+    worst["mean pressure"] = off(
+        lambda one: one.totals[face]["mean_pressure"],
+        lambda answer: answer.forces["normal_force"] / answer.forces["contact_area"],
+    )
+    for member in step.solution.problem.elasticity.members:
+        worst["energy", member.name] = off(
+            lambda one, name=member.name: one.others["bodies"][name]["strain_energy"],
+            lambda answer, name=member.name: next(
+                one.body.strain_energy(answer.displacement[one.nodes])
+                for one in answer.problem.elasticity.members
+                if one.name == name
+            ),
+        )
     for number, one in enumerate(step.solution.probes):
         for of in ("displacement", "slip", "pressure"):
             worst[one.name, of] = off(

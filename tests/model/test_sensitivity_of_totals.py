@@ -19,13 +19,13 @@ def sprung(stiffness=1.0, pushed=1.0, young=1.0):
     )
 
 
-def turned(pushed=1.0, moved=1.0, young=1.0):
+def turned(pushed=1.0, moved=1.0, young=1.0, friction=0.3):
     """A block with a rigid side, of which a motion is given."""
     return coulomb.ContactProblem(
         coulomb.box((1.0, 1.0, 0.5), (3, 3, 2)),
         coulomb.Material(1e9 * young, 0.3),
         [],
-        coulomb.Contact("bottom", friction=0.3),
+        coulomb.Contact("bottom", friction=friction),
         [coulomb.TotalForce("top", (0.5e5 * pushed, 0.0, -1e6 * pushed))],
         rigid_faces=[coulomb.RigidFace("right", translation=(1e-4 * moved, None, None))],
     )
@@ -45,13 +45,39 @@ def bolted(force=1.0, young=1.0):
 
 
 def other_totals(answer):
-    """Of reactions, probes, bolts and rigid faces, by kind, name and what it is."""
+    """Of reactions, probes, bolts, rigid faces and bodies, by kind, name and what it is."""
     kinds = {"reactions": answer.reactions, "bolts": answer.bolts, "rigid_faces": answer.rigid_faces}
     named = [(kind, getattr(one, "name", None) or one.face, one) for kind, some in kinds.items() for one in some]
     named += [("probes", one.name, one) for one in answer.probes]
     wanted = ("force", "moment", "translation", "rotation", "shortening", "displacement", "slip", "pressure")
     found = {(k, name, of): getattr(one, of, None) for k, name, one in named for of in wanted}
+    for one in answer.problem.elasticity.members:
+        found["bodies", one.name, "strain_energy"] = one.body.strain_energy(answer.displacement[one.nodes])
     return {key: np.asarray(value, dtype=float) for key, value in found.items() if value is not None}
+
+
+def test_strain_energy_and_pressures_of_a_block_under_given_forces():
+    """Without gaps the answer is in proportion to the forces, and displacements to 1/E: the energy is so to F^2 and 1/E
+    (half the work of the forces less that of friction), mean pressure to F, and the centre of pressure stays."""
+    answer = turned(moved=0.0).solve(tolerance=1e-12)
+    by, place = {one.name: one for one in answer.sensitivities()}, answer.forces["centre_of_pressure"]
+    energy = answer.problem.elasticity.alone.strain_energy(answer.displacement)
+    work = np.sum(answer.evidence.load * answer.displacement) - answer.forces["dissipated_energy"]
+    assert energy == pytest.approx(0.5 * work, rel=1e-8)
+    pressed, young = by["total force on 'top'"], by["young"]
+    assert pressed.others["bodies"][""]["strain_energy"] == pytest.approx(2.0 * energy, rel=1e-8)
+    assert young.others["bodies"][""]["strain_energy"] == pytest.approx(-energy, rel=1e-8)
+    totals, forces = pressed.totals["bottom"], answer.forces
+    assert totals["mean_pressure"] == pytest.approx(forces["normal_force"] / forces["contact_area"], rel=1e-8)
+    assert totals["contact_area"] == 0.0
+    assert totals["centre_of_pressure"] == pytest.approx(np.zeros(3), abs=1e-8)
+    change, h = by["friction of 'bottom'"].totals["bottom"]["centre_of_pressure"], 1e-4
+    more, less = (
+        np.array(turned(moved=0.0, friction=0.3 + d).solve(tolerance=1e-12).forces["centre_of_pressure"])
+        for d in (0.3 * h, -0.3 * h)
+    )
+    assert change == pytest.approx((more - less) / (2.0 * h), abs=1e-6 * np.linalg.norm(place))
+    assert np.linalg.norm(change) > 1e-4
 
 
 @pytest.mark.parametrize(
@@ -62,7 +88,7 @@ def other_totals(answer):
         (bolted, {"pretension": "force", "young of 'up'": "young"}),
     ],
 )
-def test_reactions_probes_bolts_and_rigid_faces_are_those_of_central_differences(make, inputs):
+def test_reactions_probes_bolts_rigid_faces_and_energies_are_those_of_central_differences(make, inputs):
     answer = make().solve(tolerance=1e-12)
     values, by, h = other_totals(answer), {one.name: one for one in answer.sensitivities()}, 1e-4
     assert values

@@ -176,6 +176,10 @@ class NonlinearBody(FormBody):
         work = 0.0 if self._dead is None else self.comm.allreduce(float(np.sum(self._dead.vector() * u)))
         return self._value_of(self._potential, u) - self._value_of(self._potential, np.zeros_like(u)) + work
 
+    def strain_force(self, u: FloatArray) -> FloatArray:
+        outer = (one for one in (self.place.load, self.place.spring) if one is not None)
+        return sum(outer, -self.place.loading.load)
+
     def _value_of(self, energy: CompiledForm, u: FloatArray) -> float:
         self._evaluate_at(u)
         return energy.number(self.comm)
