@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from .parametric import Owed, ParametricAnswer, Pose
 
-def solver(
-    pose: Callable[..., Any], owed: Callable[..., Sequence[Any]], like: Any, tolerance: float = 1e-10
-) -> Callable[..., tuple[Any, Any]]:
+
+def solver(pose: Pose, owed: Owed, like: Any, tolerance: float = 1e-10) -> Callable[..., tuple[Any, Any]]:
     """The answer of a problem as a function of its parameters, arrays or numbers of JAX.
 
     Args:
@@ -40,33 +40,21 @@ def solver(
 
     if not jax.config.jax_enable_x64:
         raise ValueError('answers are in double precision: call jax.config.update("jax_enable_x64", True) before')
-    if like.comm.size > 1:
-        raise ValueError("answers as functions of JAX are for one rank")
-    latest = dict[bytes, Any]()
-
-    def answer(parameters: Sequence[Any]) -> tuple[Any, list[Any]]:
-        given = [np.asarray(one) for one in parameters]
-        key = b"".join(one.tobytes() for one in given)
-        if key not in latest:
-            found = pose(*given).solve(tolerance)
-            latest.clear()
-            latest[key] = found
-        return latest[key], given
+    answer = ParametricAnswer(pose, owed, like, tolerance)
+    answer.refuse_ranks("JAX")
 
     def forward(*parameters: Any) -> tuple[Any, Any]:
-        found, _ = answer(parameters)
+        found = answer.at([np.asarray(one) for one in parameters])
         return found.contact_force, found.displacement
 
     def backward(parameters: Sequence[Any], of_force: Any, of_displacement: Any) -> tuple[Any, ...]:
-        found, given = answer(parameters)
-        gradient = found.gradient(np.asarray(of_force), np.asarray(of_displacement))
-        each = zip(owed(gradient, *given), given, strict=True)
-        return tuple(np.asarray(one, dtype=of.dtype).reshape(of.shape) for one, of in each)
+        given = [np.asarray(one) for one in parameters]
+        return tuple(answer.owed(given, np.asarray(of_force), np.asarray(of_displacement)))
 
     def shaped(shape: tuple[int, ...]) -> Any:
         return jax.ShapeDtypeStruct(shape, np.float64)
 
-    shapes = shaped((3 * len(like.surface.nodes),)), shaped(like.elasticity.x.shape)
+    shapes = shaped((answer.forces,)), shaped((answer.nodes, 3))
 
     solve: Any = jax.custom_vjp(lambda *parameters: jax.pure_callback(forward, shapes, *parameters))
 
