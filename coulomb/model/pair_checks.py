@@ -7,6 +7,7 @@ by more than the facets explain counts.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -85,7 +86,10 @@ class PairReference:
         held = (slave.projectors(here), master.projectors(there)) if shape.smooth else None
         large = isinstance(slave.space, NonlinearBody)
         surfaces = Surfaces(shape.smooth, shape.slave, shape.master, held, interpolated=not large)
-        self.samples = PairSamples(one, other, node, concatenated(slave.space.comm, node), surfaces)
+        standing = concatenated(slave.space.comm, node)
+        self._sample = partial(PairSamples, one, other, standing=standing, surfaces=surfaces)
+        self._node, self._samples = node, self._sample(node)
+        self._few, self._closer = node[:0], self._sample(node[:0])
 
     def left_out(self, known: npt.NDArray[np.bool_]) -> FloatArray:
         """Places of slave nodes before the master that must be contact points and are none, metres, shape (q, 3): all
@@ -111,27 +115,41 @@ class PairReference:
         np.maximum.at(kink, slave.nodes, slave.kink[:, None])
         return off_linear(master, self._spaces[0].x[nodes], n, own[nodes], there, kink[numbers])
 
-    def averages(self, own: FloatArray, opposite: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _averages(self, values: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
         """`PairSamples.averages` of values at this rank's nodes of the slave's and of the master's body; collective."""
-        values = (own, opposite)
-        return self.samples.averages(
-            *(gathered(space, nodes, of) for space, nodes, of in zip(self._spaces, self._nodes, values, strict=True))
-        )
+        at_facets = [gathered(*of) for of in zip(self._spaces, self._nodes, values, strict=True)]
+        found, unsure = self._samples.averages(*at_facets)
+        found[:, self._few], unsure[:, self._few] = self._closer.averages(*at_facets)
+        return found, unsure
 
     def weights(self, fields: tuple[FloatArray, FloatArray], averages: FloatArray) -> FloatArray:
-        """By how much claimed averages (2, m, 6) of the `probing_fields` of both bodies are off, shape (m,);
-        collective."""
-        found, unsure = self.averages(*fields)
+        """By how much claimed averages (2, m, 6) of the `probing_fields` of both bodies are off, shape (m,), where they
+        are, with more points (`_CLOSER`) from now on; collective."""
+        off = self._off(fields, averages)
+        self._few = np.sort(np.argsort(-off)[: min(_FEW, np.count_nonzero(off))])
+        self._closer = self._sample(self._node[self._few], times=_CLOSER)
+        return self._off(fields, averages)
+
+    def _off(self, fields: tuple[FloatArray, FloatArray], averages: FloatArray) -> FloatArray:
+        found, unsure = self._averages(fields)
         off = np.abs(averages - found) - unsure
-        off[:, :, 1:4] /= np.maximum(self.samples.radius, 1e-300)[:, None]
+        off[:, :, 1:4] /= np.maximum(self._samples.radius, 1e-300)[:, None]
         return np.maximum(off.max(axis=(0, 2), initial=0.0) - _ROUNDING, 0.0)
+
+    def deviations(self, claims: Claims) -> Deviations:
+        """`PairSamples.deviations`."""
+        found = self._samples.deviations(claims)
+        closer = self._closer.deviations(claims.only(self._few))
+        for of, better in zip(found.each(), closer.each(), strict=True):
+            of[self._few] = better
+        return found
 
     def displacement(
         self, u: tuple[FloatArray, FloatArray], mirrored: FloatArray | None, frames: FloatArray, rows: FloatArray
     ) -> FloatArray:
         """By how much claimed `rows` (m, 3) of the displacement of a point against the master along `frames` (m, 3, 3)
         are off, metres, shape (m,), by the displacements of both bodies; collective."""
-        found, unsure = self.averages(*u)
+        found, unsure = self._averages(u)
         difference = found[0] - found[1]
         if mirrored is not None:
             difference = difference - np.einsum("mij,mj->mi", mirrored, difference)
@@ -143,6 +161,12 @@ class PairReference:
 
 _ROUNDING: Final = 1e-9
 """Of averages over the size of facets, and of weights."""
+
+_CLOSER: Final = 4
+"""Times as many points along an edge where averages are off: before small facets of a master few points miss some."""
+
+_FEW: Final = 3000
+"""Contact points of a rank for which there are more points: as many as memory has room for anywhere."""
 
 _HELD: Final = 0.999
 """Held part of a normal from which a node needs no contact point: normals of curved faces are means."""
@@ -198,7 +222,7 @@ class JudgedPair:
         moved = self._reference.displacement(self._sides(u), pair.points.mirrored, frames, rows)
         claims = Claims(self._node, frames[:, 0], gap, pair.points.area, self._held, contact.adjust)
         if self._last is None or not self._last[0].same(claims):
-            self._last = claims, self._reference.samples.deviations(claims)
+            self._last = claims, self._reference.deviations(claims)
             known = np.zeros(len(u), dtype=bool)
             known[pair.points.nodes] = known[pair.elsewhere] = known[self._tied] = True
             self._left = self._reference.left_out(known[self._nodes[0]])

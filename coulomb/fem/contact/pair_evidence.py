@@ -112,6 +112,11 @@ class Claims:
         """Whether normals and gaps are those of other claims for the same points."""
         return np.array_equal(self.n, other.n) and np.array_equal(self.gap, other.gap, equal_nan=True)
 
+    def only(self, rows: IntArray) -> Claims:
+        """Those for some of the points."""
+        n, gap, area, held = (of[rows] for of in (self.n, self.gap, self.area, self.held))
+        return Claims(self.node[rows], n, gap, area, held, self.adjust)
+
 
 @dataclass(frozen=True)
 class Surfaces:
@@ -142,6 +147,10 @@ class Deviations:
     area: FloatArray
     allowed: FloatArray
 
+    def each(self) -> tuple[FloatArray, ...]:
+        """All of them."""
+        return self.gap, self.normal, self.area, self.allowed
+
 
 class PairSamples:
     """Points of the slave facets around some contact points, and where the master is before them; not collective.
@@ -151,16 +160,19 @@ class PairSamples:
         node: Numbers of the nodes of this rank's contact points in the slave's body, shape (m,).
         standing: Those of the contact points of all ranks.
         surfaces: What the facets stand for.
+        times: How many times as many points along an edge.
     """
 
-    def __init__(self, slave: Facets, master: Facets, node: IntArray, standing: IntArray, surfaces: Surfaces):
+    def __init__(
+        self, slave: Facets, master: Facets, node: IntArray, standing: IntArray, surfaces: Surfaces, times: int = 1
+    ):
         self._slave, self._master, self._surfaces = slave, master, surfaces
         width = slave.nodes.shape[1]
         columns = np.arange(3 if width == 6 else width)
         bare = ~np.any(np.isin(slave.nodes[:, columns], standing), axis=1)
         chosen, self._around = _around(slave.nodes, columns, node, bare)
         self._chosen, self._bare = chosen, bare[chosen]
-        points, weights, piece = facet_rule(slave.corners, slave.degree, _finer(slave, master))
+        points, weights, piece = facet_rule(slave.corners, slave.degree, times * _finer(slave, master))
         corners = reference_nodes(slave.corners, 1)  # are points as well, without weight
         at = np.concatenate([points, corners])
         piece = np.concatenate([piece, np.arange(len(corners))])  # the corner k is on the piece k

@@ -296,3 +296,19 @@ def test_a_large_facet_on_many_small_ones(cell):
     load = [Traction("up:top", (2e5, 0.0, -1e6))]
     answer = ContactProblem(join(low=low, up=up), Material(2e11, 0.3), [Clamp("low:bottom")], contact, load).solve()
     assert answer.valid and answer.at_nodes.totals()["normal_force"] == pytest.approx(1e6, rel=1e-9)
+
+
+@pytest.mark.parametrize("parts", [4, 8])
+def test_a_fine_zone_of_the_master_needs_more_points_and_is_no_fault(parts):
+    """A tenth of the master has cells so small that the lines of a slave facet miss most of them."""
+    fine = 0.5 + 0.1 * np.arange(1, parts + 1) / parts
+    lines = np.concatenate([np.linspace(0.0, 0.5, 5), fine, np.linspace(0.6, 1.0, 5)[1:]])
+
+    def above(x):
+        return np.stack([0.3 + np.interp(x[0], np.linspace(0.0, 1.0, len(lines)), lines), x[1], x[2] + 0.5])
+
+    upper = box((1.0, 0.2, 0.3), (len(lines) - 1, 1, 1), place=above)
+    bodies = join(upper=upper, lower=box((2.0, 0.2, 0.5), (7, 1, 2)))
+    supports = [Clamp("lower:bottom"), PrescribedDisplacement("upper:top", (0.0, 0.0, -1e-5))]
+    pair = Contact("lower:top", 0.2, against="upper:bottom", slave=True)
+    assert ContactProblem(bodies, STEEL, supports, pair).solve().valid
