@@ -34,7 +34,8 @@ class Gradient:
     """What a function J of an answer owes to fields of the problem; this rank's part.
 
     Attributes:
-        friction: Along the coefficient of friction of every contact point, where the bound is F x_n; shape (m,).
+        friction: Along the coefficient of friction of every contact point, shape (m,); 0 where a limit is reached,
+        cohesion: and likewise along its cohesion or slip stress, per pascal, shape (m,).
         bound: Along the bound of friction of every point, per newton, shape (m,).
         gap: Along the given gap of every point, per metre, shape (m,).
         load: Along nodal forces, per newton, shape (k, 3).
@@ -51,6 +52,7 @@ class Gradient:
     """
 
     friction: FloatArray
+    cohesion: FloatArray
     bound: FloatArray
     gap: FloatArray
     load: FloatArray
@@ -325,6 +327,7 @@ def _gradient(
 
     found = solved(of_u) if moving is None else _with_terms(solved, of_u, of_x, moving.by_u, Reductions(problem.comm))
     v, owed, start = found.load, found.contact, None
+    of_law = np.where(problem.law.below_limit(x[0::3]), owed.bound, 0.0)
     if moving is not None:
         before_terms = moving.by_before
         if before_terms is not None:
@@ -333,7 +336,8 @@ def _gradient(
         start = body.after_transposed(problem.time, before.time, found.reaction)
         start -= surface.at_nodes(owed.b.reshape(-1, 3) * [0.0, 1.0, 1.0])
     return Gradient(
-        friction=owed.bound * np.maximum(x[0::3], 0.0),
+        friction=of_law * np.maximum(x[0::3], 0.0),
+        cohesion=of_law * surface.area,
         bound=owed.bound,
         gap=-owed.b[0::3],
         load=v,

@@ -194,14 +194,19 @@ class FrictionLaw:
 
     def parts(self, x_n: FloatArray) -> dict[str, FloatArray]:
         """The parts of the bound at normal forces x_n, by what each is in proportion to, newtons, shape (m,)."""
-        x = np.maximum(x_n, 0.0)
+        x, within = np.maximum(x_n, 0.0), self.below_limit(x_n)
         friction = self.coefficient(x) * x
-        within = self.cohesion + friction < self._limit
         return {
             "friction": np.where(within, friction, 0.0),
             "cohesion": np.where(within, self.cohesion, 0.0),
             "friction limit": np.where(within, 0.0, self._limit),
         }
+
+    def below_limit(self, x_n: FloatArray) -> npt.NDArray[np.bool_]:
+        """Where the limit does not decide the bound, at normal forces x_n in newtons, both of shape (m,)."""
+        x = np.maximum(x_n, 0.0)
+        below: npt.NDArray[np.bool_] = self.cohesion + self.coefficient(x) * x < self._limit
+        return below
 
     def slope(self, x_n: FloatArray) -> FloatArray:
         """dr/dx_n at normal forces x_n > 0, both of shape (m,)."""

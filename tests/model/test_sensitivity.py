@@ -111,7 +111,7 @@ def test_derivatives_are_those_of_central_differences(make, inputs):
         assert one.totals[face]["dissipated_energy"] == pytest.approx(change, abs=1e-6 * work)
 
 
-@pytest.mark.parametrize("make", [block, partial(block, poisson=0.47), pair, free, heated])
+@pytest.mark.parametrize("make", [block, partial(block, poisson=0.47), pair, free, heated, bonded])
 def test_the_adjoint_agrees_with_the_derivatives(make):
     """For a random function of forces and displacements, along every input that is a sum of points, nodes or cells."""
     answer, random = make().solve(tolerance=1e-12), np.random.default_rng(1)
@@ -123,6 +123,8 @@ def test_the_adjoint_agrees_with_the_derivatives(make):
         kind, _, of = one.name.partition(" of ")
         known = {
             "friction": lambda: found.friction @ answer.problem.law.friction,
+            "cohesion": lambda: found.cohesion @ answer.at_nodes.cohesion,
+            "friction limit": lambda: found.bound @ answer.problem.law.parts(answer.contact_force[0::3])[kind],
             "gap": lambda: found.gap @ answer.at_nodes.given_gap,
             "young": lambda of=of: found.young[of.strip("'")].sum(),
             "prescribed displacements": lambda: np.sum(found.prescribed * answer.problem.prescribed),
