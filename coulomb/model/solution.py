@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +13,12 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..contact_fields import side_names
-from ..fem.bodies import Member
 from ..fem.contact import face_samples
 from ..lazy_names import late_bound
 from ..linalg.reductions import Reductions
 from ..solvers.results import SolverResult
 from . import notebook
+from .answer_functions import AnswerFunctions
 from .certificate import Certificate, Evidence
 from .certificate_scales import deformations, face_scales, rounding_forces
 from .contact_body import ContactBody
@@ -102,24 +102,15 @@ class Solution:
         _ = self.problem.elasticity.alone
         return self.functions[""]
 
-    @cached_property
+    @property
     def functions(self) -> dict[str, Any]:
         """The displacement of each body by the body's name, as `function`: `solution.functions["upper"]("pressure")`;
         the name of a body that is alone is ""."""
-        found: dict[str, Any] = {}
-        for member in self.problem.elasticity.members:
-            fields = partial(_field_on, self, member)
-            found[member.name] = member.body.function(self.displacement[member.nodes], fields=fields)
-        return found
+        return self._functions.of_bodies
 
     @cached_property
-    def _on_bodies(self) -> dict[str, dict[str, FloatArray]]:
-        return late_bound["fields_on_bodies"](self)
-
-    @cached_property
-    def _made(self) -> dict[tuple[str, str], Any]:
-        """Functions by the names of body and field."""
-        return {}
+    def _functions(self) -> AnswerFunctions:
+        return AnswerFunctions(self.problem, self.displacement, lambda: late_bound["fields_on_bodies"](self))
 
     @cached_property
     def forces(self) -> dict[str, Any]:
@@ -333,6 +324,7 @@ class Solution:
         contact_force: FloatArray | None = None,
         displacement: FloatArray | None = None,
         later: Gradient | None = None,
+        functional: Any = None,
     ) -> Gradient:
         """What a function J of the answer owes to friction, gaps, loads and Young's modulus of every point, node and
         cell, at the cost of one linear system; in a load history step by step, the last first; collective.
@@ -341,12 +333,18 @@ class Solution:
             contact_force: dJ/dx, shape (3 m,), as the answer has x; 0 by default.
             displacement: dJ/du, shape (k, 3), as the answer has u; 0 by default.
             later: The gradient of the load step after, through which J owes to this answer as well.
+            functional: A form of UFL without arguments that J has besides, of the displacement `function`, and of its
+                fields `function("pressure")` and `function("traction")`: the place of the nodes stays.
 
         Raises:
             ValueError: With foundations under load, with heat, or in a load step where friction depends on the slip
-                rate.
+                rate; if the functional is none of this answer, or of contact on faces opposite or in large motions.
         """
-        return gradient(self.problem, self.contact_force, self.displacement, contact_force, displacement, later)
+        of_x, of_u = contact_force, displacement
+        if functional is not None:
+            owed = self._functions.owed_by(functional, self.at_nodes)
+            of_x, of_u = (of if given is None else of + given for of, given in zip(owed, (of_x, of_u), strict=True))
+        return gradient(self.problem, self.contact_force, self.displacement, of_x, of_u, later)
 
     def write(self, directory: str | Path, fields: Mapping[str, Any] | None = None, *, overwrite: bool = True) -> None:
         """Fields, history, summary and picture into a directory; results that are there are kept as DIRECTORY.previous.
@@ -469,23 +467,6 @@ class Solution:
     @cached_property
     def _picture(self) -> str:
         return str(late_bound["picture"](self))
-
-
-def _field_on(solution: Solution, member: Member, name: str) -> Any:
-    """A field of the contacts as a Function on the mesh of a body, one object for each; ValueError if there is none of
-    this name; collective."""
-    if name == "displacement":
-        return solution.functions[member.name]
-    known = solution._made
-    if (member.name, name) not in known:
-        fields = solution._on_bodies.get(member.name, {})
-        if name not in fields:
-            there = ", ".join(("displacement", *fields)) if fields else "displacement; no contact is on this body"
-            raise ValueError(f"there is no field {name!r}; there are {there}")
-        values = fields[name]
-        body = member.body
-        known[member.name, name] = body.scalar(values, name) if values.ndim == 1 else body.function(values, name)
-    return known[member.name, name]
 
 
 def warn(answer: Solution) -> None:

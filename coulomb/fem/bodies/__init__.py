@@ -3,6 +3,7 @@ matrix K, the load f, and the nodal forces of a displacement.  Several bodies ar
 """
 
 from .body import STRESSES, ElasticBody, cell_measure, varying_signs
+from .compiled_form import compiled
 from .conduction import Conduction, HeatLoad
 from .constraints import (
     HELD_OBLIQUE,

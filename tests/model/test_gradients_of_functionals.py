@@ -1,0 +1,104 @@
+"""Gradients of functionals of UFL, and along coefficients of forms: against differences of answers and formulas."""
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+
+import coulomb
+
+H = 2e-4
+"""Changes of inputs."""
+
+EXACT = {"quadrature_degree": 4}
+
+
+def pressed(friction=0.3, young=1.0, pushed=1.0):
+    """A block that is clamped on the left, pressed and drawn: points that are open, stick and slip."""
+    return coulomb.ContactProblem(
+        coulomb.box((3.0, 1.0, 1.0), (5, 2, 2)),
+        coulomb.Material(2e11 * young, 0.3),
+        [coulomb.Clamp("left")],
+        coulomb.Contact("bottom", friction=friction, gap=2e-6),
+        [coulomb.Traction("top", (0.0, 1e7 * pushed, -4e7 * pushed)), coulomb.Traction("right", (2e7, 0.0, 0.0))],
+    )
+
+
+def value(form):
+    return fem.assemble_scalar(fem.form(form))
+
+
+def mixed(answer):
+    """Squares of the displacement in the volume, and of pressure and traction where the body is on the ground."""
+    u, p, t = answer.function, answer.function("pressure"), answer.function("traction")
+    x = ufl.SpatialCoordinate(u.function_space.mesh)
+    of_contact = 1e-12 * (p**2 * x[0] + 3.0 * t[0] * t[1] + 1e6 * t[1])
+    return 1e12 * ufl.inner(u, u) * ufl.dx(metadata=EXACT) + of_contact * ufl.ds(metadata=EXACT)
+
+
+def test_of_displacement_pressure_and_traction():
+    """Along each input the remainder is of second order, and central differences agree."""
+    answer = pressed().solve(tolerance=1e-12)
+    found = answer.gradient(functional=mixed(answer))
+    (load, _), body = [one.forces for one in answer.problem.elasticity.loads_in(answer.problem.loading)], found.young
+    along = {
+        "friction": 0.3 * found.friction.sum(),
+        "young": body[""].sum(),
+        "pushed": np.sum(found.load * load),
+    }
+    present = value(mixed(answer))
+    for name, slope in along.items():
+        start = 0.3 if name == "friction" else 1.0
+
+        def after(h, name=name, start=start):
+            answer = pressed(**{name: start * (1.0 + h)}).solve(tolerance=1e-12)
+            return value(mixed(answer))
+
+        more, less, half = after(H), after(-H), after(0.5 * H)
+        assert slope == pytest.approx((more - less) / (2.0 * H), rel=1e-5), name
+        left = [abs(of - present - h * slope) for of, h in ((more, H), (half, 0.5 * H))]
+        assert 3.5 < left[0] / left[1] < 4.5, (name, left)
+        assert abs(slope) > 1e-3 * present
+
+
+def test_the_strain_energy_of_a_body_under_given_forces():
+    """U, as a functional of u, is in proportion to the square of the forces, and of 1/E."""
+    problem = coulomb.ContactProblem(
+        coulomb.box((1.0, 1.0, 0.5), (3, 3, 2)),
+        coulomb.Material(1e9, 0.3),
+        [coulomb.SymmetryPlane("left")],
+        coulomb.Contact("bottom", friction=0.3),
+        [coulomb.TotalForce("top", (1e5, 0.0, -1e6))],
+    )
+    answer = problem.solve(tolerance=1e-12)
+    e = ufl.sym(ufl.grad(answer.function))
+    energy = 0.5 * (1e9 / 1.3 * ufl.inner(e, e) + 3e8 / (1.3 * 0.4) * ufl.tr(e) ** 2) * ufl.dx
+    found, present = answer.gradient(functional=energy), value(energy)
+    (load,) = [one.forces for one in problem.elasticity.loads_in(problem.loading)]
+    assert np.sum(found.load * load) == pytest.approx(2.0 * present, rel=1e-9)
+    assert found.young[""].sum() == pytest.approx(-2.0 * present, rel=1e-9)
+
+
+def test_what_functionals_are_refused():
+    answer = pressed().solve()
+    other = pressed().solve().function
+    with pytest.raises(ValueError, match="a form of UFL without arguments"):
+        answer.gradient(functional=1.0)
+    with pytest.raises(ValueError, match="no function of this answer"):
+        answer.gradient(functional=ufl.inner(other, other) * ufl.dx)
+    with pytest.raises(ValueError, match="the field 'slip' are not known"):
+        answer.gradient(functional=answer.function("slip")[0] * ufl.ds)
+    upper = coulomb.moved(coulomb.box((0.8, 0.8, 0.4), (1, 1, 1)), translate=(0.1, 0.1, 0.5))
+    pair = coulomb.ContactProblem(
+        coulomb.join(low=coulomb.box((1.0, 1.0, 0.5), (1, 1, 1)), up=upper),
+        {"low": coulomb.Material(3e6, 0.3), "up": coulomb.Material(1e6, 0.3)},
+        [coulomb.Clamp("low:bottom"), coulomb.PrescribedDisplacement("up:top", (0.001, 0.0, -0.002))],
+        coulomb.Contact("up:bottom", friction=0.2, against="low:top"),
+    )
+    answer = pair.solve(tolerance=1e-12)
+    p, (member, facets) = answer.functions["up"]("pressure"), answer.problem.elasticity.face("up:bottom", "contact")
+    whole = answer.gradient(functional=p * member.body.measure(facets))  # the normal force
+    forces = answer.gradient(np.tile([1.0, 0.0, 0.0], len(answer.contact_force) // 3))
+    assert whole.young["low"] == pytest.approx(forces.young["low"], rel=1e-9)
+    with pytest.raises(ValueError, match="no contact point of the body's own faces"):
+        answer.gradient(functional=answer.functions["low"]("pressure") * ufl.ds)
