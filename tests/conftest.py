@@ -161,11 +161,12 @@ def objective(qp, x):
     return 0.5 * x @ A_x - qp.b @ x
 
 
-def run_coulomb(*arguments, ranks=None, cwd=None, timeout=600, process=False):
+def run_coulomb(*arguments, code=0, ranks=None, cwd=None, timeout=600, process=False):
     """Run the command line.
 
     Args:
         arguments: Of coulomb.
+        code: Its exit code, else the test fails; None if any will do.
         ranks: Under mpirun, on so many ranks.
         cwd: Where; by default in the current directory.
         timeout: Of a process of its own, seconds.
@@ -176,8 +177,9 @@ def run_coulomb(*arguments, ranks=None, cwd=None, timeout=600, process=False):
         Its returncode, and what it wrote as stdout and stderr.
     """
     if process or ranks is not None:
-        return run_python("-m", "coulomb", *arguments, ranks=ranks, cwd=cwd, timeout=timeout)
-    return _in_this_process(["coulomb", *map(str, arguments)], cwd, lambda: _exit_code([*map(str, arguments)]))
+        return run_python("-m", "coulomb", *arguments, code=code, ranks=ranks, cwd=cwd, timeout=timeout)
+    words = [*map(str, arguments)]
+    return with_code(_in_this_process(["coulomb", *words], cwd, lambda: _exit_code(words)), code)
 
 
 def run_script(file, cwd):
@@ -254,8 +256,8 @@ RANKS_ON_FEW_CORES = {
 """Environment of Open MPI's mpirun."""
 
 
-def run_python(*arguments, ranks=None, cwd=None, timeout=600):
-    """Run Python in a process of its own, without the MPI environment of this one."""
+def run_python(*arguments, code=0, ranks=None, cwd=None, timeout=600):
+    """Run Python in a process of its own, without the MPI environment of this one; arguments as of `run_coulomb`."""
     launcher = ("OMPI_COMM", "OMPI_MCA", "OMPI_UNIVERSE", "PMIX", "PRTE", "PMI_", "HYDI_", "HYDRA_", "MPI_LOCAL")
     clean = {key: value for key, value in os.environ.items() if not key.startswith(launcher)}
     clean |= RANKS_ON_FEW_CORES
@@ -264,10 +266,15 @@ def run_python(*arguments, ranks=None, cwd=None, timeout=600):
         command = [MPIEXEC, "-n", str(ranks), *command]
     for _ in range(2):
         done = subprocess.run(command, env=clean, cwd=cwd, capture_output=True, text=True, timeout=timeout, check=False)
-        if done.returncode:  # pytest shows it where a test fails
-            print(*command, f"ended with {done.returncode}:\n{done.stdout[-3000:]}{done.stderr[-3000:]}")
         if not (ranks is not None and done.returncode == signal.SIGKILL and "(signal 9)" in done.stdout):
             break  # MPICH's launcher: a rank was killed from outside, as where memory is short
+    return with_code(done, code)
+
+
+def with_code(done, code):
+    """A command that is done, if it has this exit code, or if any will do."""
+    said = f"{done.args} ended with {done.returncode}:\n{done.stdout[-3000:]}{done.stderr[-3000:]}"
+    assert code is None or done.returncode == code, said
     return done
 
 
@@ -283,10 +290,7 @@ SMALL_BLOCK = ("--set", "mesh.cells=[12,4,4]", "--set", "output.picture=false")
 def block(tmp_path_factory):
     """Directory of a small block's run, with its report."""
     directory = tmp_path_factory.mktemp("runs") / "block"
-    done = run_coulomb(
-        "run", ROOT / "demos" / "block.toml", *SMALL_BLOCK, "--report", "--output", directory, process=True
-    )
-    assert done.returncode == 0, done.stderr
+    run_coulomb("run", ROOT / "demos" / "block.toml", *SMALL_BLOCK, "--report", "--output", directory, process=True)
     return directory
 
 
@@ -295,8 +299,7 @@ def failed(tmp_path_factory):
     """The same of a solver that stopped at its maximum number of steps; its report without pictures."""
     directory = tmp_path_factory.mktemp("runs") / "failed"
     given = ("--set", "solver={method='successive-tresca', max_outer=3}")
-    done = run_coulomb("run", ROOT / "demos" / "block.toml", *SMALL_BLOCK, *given, "--output", directory)
-    assert done.returncode == 1
+    run_coulomb("run", ROOT / "demos" / "block.toml", *SMALL_BLOCK, *given, "--output", directory, code=1)
     return with_report(directory)
 
 
@@ -305,8 +308,7 @@ def history(tmp_path_factory):
     """Directory of a load history of six steps, with its report without pictures."""
     directory = tmp_path_factory.mktemp("runs") / "history"
     small = ("--set", "mesh.cells=[4,4,2]", "--set", "history={end=6.0, steps=6}", "--set", "output.picture=false")
-    done = run_coulomb("run", ROOT / "demos" / "history.toml", *small, "--output", directory)
-    assert done.returncode == 0, done.stderr
+    run_coulomb("run", ROOT / "demos" / "history.toml", *small, "--output", directory)
     return with_report(directory)
 
 

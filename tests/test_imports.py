@@ -23,7 +23,7 @@ atexit.register(lambda: sys.stderr.write("\\n" + json.dumps(sorted(sys.modules))
 
 def loaded(code, *arguments, ranks=None):
     """Exit code and output of Python code in a process of its own, and the modules it has loaded by its end."""
-    done = run_python("-c", AND_TELL + code, *arguments, ranks=ranks)
+    done = run_python("-c", AND_TELL + code, *arguments, ranks=ranks, code=None)
     return done, set(json.loads(done.stderr.splitlines()[-1]))
 
 
@@ -74,7 +74,7 @@ def test_a_run_draws_in_another_process(tmp_path):
 
 def test_only_rank_0_prints():
     for words, said in ((["--version"], "coulomb "), (["check-case", "none.toml"], "error: none.toml: cannot be read")):
-        done = run_coulomb(*words, ranks=2)
+        done = run_coulomb(*words, ranks=2, code=None)
         assert (done.stdout + done.stderr).count(said) == 1
 
 

@@ -129,41 +129,37 @@ def test_a_run_is_that_of_the_contacts_given_by_hand():
     head, _, bodies = STACK.partition("[auto_contact]")
     by_hand = head + BY_HAND + bodies.partition("friction = 0.3")[2].replace("pad.msh", "named.msh")
     Path("hand.toml").write_text(by_hand)
-    done = run_coulomb("run", "hand.toml", "--output", "hand", *tight)
-    assert done.returncode == 0, done.stderr
+    run_coulomb("run", "hand.toml", "--output", "hand", *tight)
     for ranks, out in ((3, "ranks"), (None, "auto")):
         done = run_coulomb("run", "case.toml", "--output", out, *tight, ranks=ranks)
-        assert done.returncode == 0, done.stderr
         shown = [line for line in done.stdout.splitlines() if line.startswith("found")]
         assert "'base:top' against 'pad:facing_base': 0.32 m^2 face each other, gap 0 m" in shown[0] and len(shown) == 2
         assert np.abs(forces(out) - forces("hand")).max() <= 1e-10 * np.abs(forces("hand")).max()
     done = run_coulomb("check", "ranks")
-    assert done.returncode == 0 and "files agree" in done.stdout, done.stdout + done.stderr
-    again = run_coulomb("run", "case.toml", "--output", "ranks", *tight)
-    assert again.returncode == 0, again.stderr
-    other = run_coulomb("run", "case.toml", "--output", "auto", "--keep", "--set", "auto_contact.friction=0.2")
-    assert other.returncode == 2 and "auto" in other.stderr, other.stderr
+    assert "files agree" in done.stdout, done.stdout + done.stderr
+    run_coulomb("run", "case.toml", "--output", "ranks", *tight)
+    other = run_coulomb("run", "case.toml", "--output", "auto", "--keep", "--set", "auto_contact.friction=0.2", code=2)
+    assert "auto" in other.stderr, other.stderr
 
 
 def test_a_load_history_is_continued_with_the_same_pairs():
     steps = "[history]\ntimes = [1.0, 2.0, 3.0]\n"
     traction = "value = [1e6, 0.0, -1e7], amplitude = [[0, 0], [1, 1], [3, 2]] }"
     Path("case.toml").write_text(STACK.replace("value = [1e6, 0.0, -1e7] }", traction) + steps)
-    assert run_coulomb("run", "case.toml", "--output", "whole").returncode == 0
+    run_coulomb("run", "case.toml", "--output", "whole")
     kept = json.loads(Path("whole/case.json").read_text())
     assert [one["against"] for one in kept["contact"]] == ["pad:facing_base", "lid:bottom"]
     whole = forces("whole/steps/0003")
     shutil.rmtree("whole/steps/0003")
     done = run_coulomb("resume", "whole")
-    assert done.returncode == 0 and "1 steps in this run" in done.stdout, done.stdout + done.stderr
+    assert "1 steps in this run" in done.stdout, done.stdout + done.stderr
     assert np.abs(forces("whole/steps/0003") - whole).max() <= 1e-7 * np.abs(whole).max()
-    assert run_coulomb("check", "whole").returncode == 0
+    run_coulomb("check", "whole")
 
 
 def test_pairs_are_printed_as_tables():
     """With which the case is the same; those that are given are not printed."""
     done = run_coulomb("contacts", "case.toml")
-    assert done.returncode == 0, done.stderr
     assert "# 'base:top' against 'pad:facing_base': 0.32 m^2 face each other, gap 0 m" in done.stdout
     assert "has made 'pad:facing_base', 'pad:facing_lid' of facets without a name" in done.stdout
     Path("pasted.toml").write_text(f"{STACK}\n{done.stdout}")
@@ -198,14 +194,13 @@ def test_components_of_one_mesh_in_several_pairs():
     ]
     Path("case.toml").write_text("")
     done = run_coulomb("run", "case.toml", "--output", "out", *(word for one in changes for word in ("--set", one)))
-    assert done.returncode == 0, done.stderr
     normal = dict(re.findall(r"(\w+): normal ([\d.]+ \w+), friction", done.stdout))
     assert normal == {"steel_facing_rubber": "100 kN", "cork_facing_steel": "100 kN"}
     assert "Coulomb friction 0.6" in next(
         line for line in done.stdout.splitlines() if "contact  'steel_facing_rubber" in line
     )
     assert "normal force of cork_facing_steel" in page_without_pictures("out")
-    assert run_coulomb("check", "out").returncode == 0
+    run_coulomb("check", "out")
 
 
 def test_it_may_be_the_only_contact_or_none():

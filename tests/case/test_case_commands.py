@@ -30,18 +30,18 @@ SMALL = {
 @pytest.mark.parametrize("kind", SMALL)
 def test_a_new_case_runs_and_certifies(kind, tmp_path):
     done = run_coulomb("new", kind, cwd=tmp_path)
-    assert done.returncode == 0 and done.stdout == f"{kind}.toml written; next: coulomb check-case {kind}.toml\n"
+    assert done.stdout == f"{kind}.toml written; next: coulomb check-case {kind}.toml\n"
     assert (tmp_path / f"{kind}.toml").read_text().count("#") > 10
     done = run_coulomb(
         "run", f"{kind}.toml", "--set", SMALL[kind], "--set", "output.picture=false", "--quiet", cwd=tmp_path
     )
-    assert done.returncode == 0 and done.stdout == done.stderr == ""
+    assert done.stdout == done.stderr == ""
     assert json.loads((tmp_path / "results" / kind / "summary.json").read_text())["certificate"]["passed"]
 
 
 def test_a_new_script_with_forms_runs(tmp_path):
     done = run_coulomb("new", "forms", "mine.py", cwd=tmp_path)
-    assert done.returncode == 0 and done.stdout == "mine.py written; next: python mine.py\n"
+    assert done.stdout == "mine.py written; next: python mine.py\n"
     done = run_script(tmp_path / "mine.py", cwd=tmp_path)
     assert done.returncode == 0 and "certificate passed" in done.stdout, done.stderr
     assert (tmp_path / "results" / "forms" / "contact.xdmf").exists()
@@ -60,9 +60,9 @@ def test_the_new_cases_are_the_demos(kind):
 
 def test_new_replaces_a_file_only_with_force(tmp_path):
     (tmp_path / "mine.toml").write_text("mine")
-    assert run_coulomb("new", "hertz", "mine.toml", cwd=tmp_path, process=True).returncode == 2
+    run_coulomb("new", "hertz", "mine.toml", cwd=tmp_path, process=True, code=2)
     assert (tmp_path / "mine.toml").read_text() == "mine"
-    assert run_coulomb("new", "hertz", "mine.toml", "--force", cwd=tmp_path).returncode == 0
+    run_coulomb("new", "hertz", "mine.toml", "--force", cwd=tmp_path)
     assert "coulomb run mine.toml" in (tmp_path / "mine.toml").read_text()  # the comments name the file
 
 
@@ -74,7 +74,6 @@ def test_templates_are_in_the_package():
 
 def test_check_case_solves_and_writes_nothing(tmp_path):
     done = run_coulomb("check-case", ROOT / "demos" / "history.toml", cwd=tmp_path, process=True)
-    assert done.returncode == 0, done.stderr
     first, body, *others = done.stdout.splitlines()
     assert first.endswith("1815 displacement and 363 contact unknowns, Coulomb friction 0.5, 1 rank")
     assert body == "body     100 mm x 100 mm x 50 mm; 500 hexahedra, 726 nodes"
@@ -175,8 +174,7 @@ def test_force_runs_where_memory_seems_too_small(tmp_path, monkeypatch):
     """That it is refused otherwise is in data/wrong_inputs.json."""
     monkeypatch.setattr("coulomb.model.memory.free_memory", lambda: 1e6)
     given = ("--set", "mesh.cells=[3,1,1]", "--set", "output.picture=false", "--output", tmp_path / "out", "--force")
-    done = run_coulomb("run", ROOT / "demos" / "block.toml", *given)
-    assert done.returncode == 0, done.stderr
+    run_coulomb("run", ROOT / "demos" / "block.toml", *given)
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh"])

@@ -25,5 +25,4 @@ def test_messages(wrong: Wrong, tmp_path):
 def test_on_two_ranks():
     """Every rank has the same message, and none waits for another."""
     done = run_python(wrong_inputs.__file__, ranks=2, timeout=600)
-    assert done.returncode == 0, done.stdout + done.stderr
     assert "the same on 2 ranks" in done.stdout

@@ -120,7 +120,7 @@ def test_on_ranks(tmp_path):
     """Torque, power and energies of one rank, of tetrahedra on a turntable; only one of the ranks prints."""
     (tmp_path / "case.toml").write_text(TURNTABLE)
     done = run_coulomb("run", tmp_path / "case.toml", "--output", tmp_path / "out", ranks=2)
-    assert done.returncode == 0 and done.stdout.count("all 4 load steps certified") == 1, done.stderr
+    assert done.stdout.count("all 4 load steps certified") == 1, done.stderr
     for ours, expected in zip(rows_of(tmp_path / "out"), rows_of(made(TURNTABLE)), strict=True):
         for column in ("bottom_torque", "bottom_power", "energy_foundation", "energy_dissipated", "normal_force"):
             scale = abs(float(rows_of(made(TURNTABLE))[-1][column]))
@@ -132,11 +132,10 @@ def test_resumed(tmp_path):
     """From the files of the first two steps: the same figures, to the solution's tolerance."""
     (tmp_path / "case.toml").write_text(SHOE)
     out = tmp_path / "out"
-    assert run_coulomb("run", tmp_path / "case.toml", "--output", out).returncode == 0
+    run_coulomb("run", tmp_path / "case.toml", "--output", out)
     for number in (3, 4):
         shutil.rmtree(out / f"steps/{number:04d}")
-    done = run_coulomb("resume", out)
-    assert done.returncode == 0, done.stderr
+    run_coulomb("resume", out)
     for ours, expected in zip(rows_of(out), rows_of(made(SHOE)), strict=True):
         for column, value in expected.items():
             if "bottom" in column or "energy" in column:
@@ -145,8 +144,8 @@ def test_resumed(tmp_path):
     case = json.loads((out / "case.json").read_text())
     case["contact"]["rotation"]["angle"][2][1] = 0.5
     (out / "case.json").write_text(json.dumps(case))
-    refused = run_coulomb("resume", out)
-    assert refused.returncode == 2 and "contact.rotation" in refused.stderr
+    refused = run_coulomb("resume", out, code=2)
+    assert "contact.rotation" in refused.stderr
 
 
 def test_the_report_shows_torque_and_power():

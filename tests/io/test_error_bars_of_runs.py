@@ -24,7 +24,6 @@ def test_a_run_says_writes_and_checks_its_error_bars(tmp_path):
     case, results = tmp_path / "case.toml", tmp_path / "results"
     case.write_text(CASE.replace("AMPLITUDE", ""))
     done = run_coulomb("run", case, "--output", results)
-    assert done.returncode == 0, done.stderr
     assert "error bars of the mesh, from meshes of" in done.stdout
     assert "normal force  " in done.stdout and " +- " in done.stdout
     assert re.search(r"^  stress, energy norm +\+- [0-9.]+ %$", done.stdout, re.MULTILINE)
@@ -39,16 +38,16 @@ def test_a_run_says_writes_and_checks_its_error_bars(tmp_path):
     norm = np.sqrt(2.0 * bars["strain_energy"]["value"])
     assert summary["error"]["relative_stress_error"] == pytest.approx(np.sqrt(squared) / norm, rel=1e-6)
     assert bars["totals.normal_force"]["value"] == summary["totals"]["normal_force"]
-    assert run_coulomb("check", results).returncode == 0
+    run_coulomb("check", results)
     bars["totals.normal_force"]["value"] *= 1.001
     (results / "summary.json").write_text(json.dumps(summary))
-    checked = run_coulomb("check", results)
-    assert checked.returncode == 1 and "error.totals.normal_force" in checked.stdout
+    checked = run_coulomb("check", results, code=1)
+    assert "error.totals.normal_force" in checked.stdout
     bars["totals.normal_force"]["value"] /= 1.001
     bars["totals.normal_force"]["parts"]["algebraic"] += 0.1 * bars["totals.normal_force"]["error"]
     (results / "summary.json").write_text(json.dumps(summary))
-    checked = run_coulomb("check", results)
-    assert checked.returncode == 1 and "error bar.totals.normal_force" in checked.stdout
+    checked = run_coulomb("check", results, code=1)
+    assert "error bar.totals.normal_force" in checked.stdout
 
 
 def test_a_tolerance_that_leaves_more_than_a_hundredth_of_a_bar_is_said(capsys):
@@ -66,7 +65,6 @@ def test_every_load_step_has_error_bars(tmp_path):
         CASE.replace("AMPLITUDE", "amplitude = [[0.0, 0.0], [2.0, 1.0]]") + "[history]\ntimes = [1.0, 2.0]\n"
     )
     done = run_coulomb("run", case, "--output", results)
-    assert done.returncode == 0, done.stderr
     assert done.stdout.count("error bars of the mesh") == 1
     forces = []
     for step in (1, 2):
@@ -74,7 +72,7 @@ def test_every_load_step_has_error_bars(tmp_path):
         bars = {bar["quantity"]: bar for bar in summary["error"]["bars"]}
         forces.append(bars["totals.normal_force"])
     assert forces[0]["value"] < forces[1]["value"] and 0.0 < forces[0]["error"] < forces[1]["error"]
-    assert run_coulomb("check", results).returncode == 0
+    run_coulomb("check", results)
 
 
 def test_a_comparison_that_does_not_fit_is_refused_and_the_answer_kept(tmp_path, monkeypatch):

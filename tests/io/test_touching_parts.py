@@ -121,12 +121,10 @@ def test_on_other_ranks(tmp_path):
     """A history of three ranks is continued on one, where nodes have other numbers, and checked by its case."""
     cubes().write(tmp_path / "cubes.msh")
     (tmp_path / "case.toml").write_text(CASE)
-    run = run_coulomb("run", "case.toml", ranks=3, cwd=tmp_path)
-    assert run.returncode == 0, run.stderr
+    run_coulomb("run", "case.toml", ranks=3, cwd=tmp_path)
     first = (tmp_path / "results" / "history.csv").read_text().splitlines()
     shutil.rmtree(tmp_path / "results" / "steps" / "0002")
-    again = run_coulomb("resume", "results", cwd=tmp_path)
-    assert again.returncode == 0, again.stderr
+    run_coulomb("resume", "results", cwd=tmp_path)
     second = (tmp_path / "results" / "history.csv").read_text().splitlines()
     column = first[0].split(",").index("normal_force")
     assert float(second[2].split(",")[column]) == pytest.approx(float(first[2].split(",")[column]), rel=1e-6)

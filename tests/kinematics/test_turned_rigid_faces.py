@@ -128,15 +128,13 @@ def test_a_face_turned_past_half_a_turn_is_checked_and_resumed(tmp_path):
             return list(csv.DictReader(file))
 
     (tmp_path / "case.toml").write_text(CASE)
-    done = run_coulomb("run", "case.toml", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    run_coulomb("run", "case.toml", cwd=tmp_path)
     whole = rows()
     assert float(whole[-1]["rigid_face_top_rotation_z"]) == pytest.approx(4.0, rel=1e-6)
     found = check(tmp_path / "results")
     assert found.passed, [step.details for step in found.steps]
     shutil.rmtree(tmp_path / "results" / "steps" / "0005")
-    done = run_coulomb("resume", tmp_path / "results")
-    assert done.returncode == 0, done.stderr
+    run_coulomb("resume", tmp_path / "results")
     for name, value in whole[-1].items():
         if name.startswith(("force", "rigid_face", "energy", "spring")):
             assert float(rows()[-1][name]) == pytest.approx(float(value), rel=1e-6, abs=1e-2), name

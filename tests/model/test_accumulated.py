@@ -143,8 +143,7 @@ def accumulated(step):
 def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("worn")
     (folder / "case.toml").write_text(CASE)
-    done = run_coulomb("run", folder / "case.toml", "--output", folder / "out")
-    assert done.returncode == 0, done.stderr
+    run_coulomb("run", folder / "case.toml", "--output", folder / "out")
     return folder / "out"
 
 
@@ -167,8 +166,7 @@ def test_a_resumed_history_goes_on_from_the_files(written, tmp_path):
     copy = shutil.copytree(written, tmp_path / "copy")
     for number in (6, 7):
         shutil.rmtree(copy / "steps" / f"{number:04d}")
-    done = run_coulomb("resume", copy)
-    assert done.returncode == 0, done.stderr
+    run_coulomb("resume", copy)
     for number in (6, 7):
         one, two = (accumulated(where / "steps" / f"{number:04d}") for where in (written, copy))
         for name in ACCUMULATED:

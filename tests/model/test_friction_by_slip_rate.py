@@ -93,8 +93,7 @@ def run(tmp_path_factory):
     """A history from a case file, in whose files nothing is changed."""
     home = tmp_path_factory.mktemp("drag")
     (home / "case.toml").write_text(CASE)
-    done = run_coulomb("run", home / "case.toml", "--output", home / "out")
-    assert done.returncode == 0, done.stderr
+    run_coulomb("run", home / "case.toml", "--output", home / "out")
     return home / "out"
 
 
@@ -122,8 +121,7 @@ def test_resume_uses_the_slip_rate_of_the_step_before(run, tmp_path):
     copy = shutil.copytree(run, tmp_path / "out")
     for number in (LAST - 1, LAST):
         shutil.rmtree(copy / "steps" / f"{number:04d}")
-    done = run_coulomb("resume", copy)
-    assert done.returncode == 0, done.stderr
+    run_coulomb("resume", copy)
     for number in (LAST - 1, LAST):
         ours, theirs = summary(run, number)["step"]["row"], summary(copy, number)["step"]["row"]
         assert theirs["force_x"] == pytest.approx(ours["force_x"], rel=1e-9)

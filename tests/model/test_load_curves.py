@@ -123,8 +123,7 @@ FILES = ('{ file = "load.csv", after = "repeat" }', '{ file = "way.csv" }')
 
 def run(folder, load, way):
     case = write(folder, load, way)
-    done = run_coulomb("run", case, "--output", folder / "out")
-    assert done.returncode == 0, done.stderr
+    run_coulomb("run", case, "--output", folder / "out")
     return folder / "out"
 
 
@@ -188,8 +187,7 @@ def test_resume_needs_no_csv_file(from_csv, tmp_path):
     shutil.copytree(from_csv, tmp_path / "run")
     for number in (4, 5):
         shutil.rmtree(tmp_path / "run" / "steps" / f"{number:04d}")
-    done = run_coulomb("resume", tmp_path / "run")
-    assert done.returncode == 0, done.stderr
+    run_coulomb("resume", tmp_path / "run")
     for a, b in zip(rows(from_csv), rows(tmp_path / "run"), strict=True):
         assert a["force_z"] == pytest.approx(b["force_z"], rel=1e-6)
     assert check(tmp_path / "run").passed

@@ -177,7 +177,6 @@ def test_case_file(tmp_path):
     """`coulomb check` computes it again."""
     (tmp_path / "case.toml").write_text(CASE.replace("CELL", "tetrahedron"))
     done = run_coulomb("run", "case.toml", "--output", "out", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
     assert "Mohr-Coulomb friction 0.3, cohesion 4 MPa" in done.stdout
     with (tmp_path / "out" / "history.csv").open() as file:
         last = list(csv.DictReader(file))[-1]

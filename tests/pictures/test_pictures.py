@@ -279,7 +279,7 @@ def test_plot_without_a_display_writes_a_file(block, failed, tmp_path, monkeypat
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     done = run_coulomb("plot", failed, "--field", "displacement_z", cwd=tmp_path, process=True)
-    assert done.returncode == 0 and "plot.png" in done.stdout
+    assert "plot.png" in done.stdout
     assert has_colour(pixels(tmp_path / "plot.png"), "#b3261e", 100)  # NOT CERTIFIED, in red
     plot(block, "von_mises_stress", 100.0, "iso", tmp_path / "p.pdf", None)
     assert (tmp_path / "p.pdf").read_bytes().startswith(b"%PDF")

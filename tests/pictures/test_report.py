@@ -250,7 +250,6 @@ def test_charts_where_nothing_touches(tmp_path, history, method):
     """Residuals, forces and energies are 0: the charts state it, and no logarithm of 0 is drawn."""
     (tmp_path / "case.toml").write_text(APART + history)
     done = run_coulomb("run", "case.toml", "--output", "out", "--set", f"solver.method={method}", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
     run = read_run(tmp_path / "out")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -277,12 +276,12 @@ def test_a_run_from_python_has_no_case(tmp_path):
 
 
 def test_report_of_no_run_exits_2(tmp_path):
-    done = run_coulomb("report", tmp_path)
-    assert done.returncode == 2 and "holds no run: there is no summary.json" in done.stderr
+    done = run_coulomb("report", tmp_path, code=2)
+    assert "holds no run: there is no summary.json" in done.stderr
     assert "Traceback" not in done.stderr
     (tmp_path / "summary.json").write_text("{}")
-    done = run_coulomb("plot", tmp_path, "--save", tmp_path / "x.png")
-    assert done.returncode == 2 and "not a summary of coulomb's" in done.stderr
+    done = run_coulomb("plot", tmp_path, "--save", tmp_path / "x.png", code=2)
+    assert "not a summary of coulomb's" in done.stderr
 
 
 def test_drawing_does_not_start_mpi(block, tmp_path):

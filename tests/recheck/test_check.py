@@ -151,8 +151,8 @@ def test_a_certificate_beyond_its_limits(copy):
 )
 def test_incomplete_results_are_refused(copy, spoil, message):
     spoil(copy)
-    done = run_coulomb("check", copy)
-    assert done.returncode == 2 and message in done.stderr and "Traceback" not in done.stderr
+    done = run_coulomb("check", copy, code=2)
+    assert message in done.stderr and "Traceback" not in done.stderr
 
 
 def test_files_of_two_runs(copy, tmp_path):
@@ -164,5 +164,5 @@ def test_files_of_two_runs(copy, tmp_path):
 
 
 def test_a_failed_run_fails_again(failed):
-    done = run_coulomb("check", failed)
-    assert done.returncode == 1 and "recorded by the run: certificate had FAILED" in done.stdout
+    done = run_coulomb("check", failed, code=1)
+    assert "recorded by the run: certificate had FAILED" in done.stdout

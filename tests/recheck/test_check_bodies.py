@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from bodies_runs import TWO, UNLOADED
 from case_texts import body as part
-from check_runs import change, copied, edit, made, put, run_case, shown
+from check_runs import copied, edit, made, put, run_case
 from conftest import run_coulomb
 from resumed_rows import rows_of, same_to_the_tolerance
 
@@ -18,19 +18,6 @@ from coulomb.model.held_nodes import OtherNodes
 from coulomb.recheck import check
 
 FIRST, LAST = "steps/0001", "steps/0002"
-
-
-def one(values):
-    """The largest entry changed by a thousandth."""
-    k = np.argmax(np.abs(values).reshape(len(values), -1).sum(axis=1))
-    values[k] *= 1.001
-    return values
-
-
-def test_all_files_follow_from_displacements_and_forces():
-    found = check(made(TWO))
-    assert found.passed and not found.faults, str(found)
-    assert "forces and moments on the two faces of every pair" in str(check(made(TWO) / LAST).certificate)
 
 
 def test_figures_of_pairs_and_bodies_are_sums_of_nodal_forces():
@@ -51,60 +38,6 @@ def test_figures_of_pairs_and_bodies_are_sums_of_nodal_forces():
             left = np.sum([one[what] for one in parts], axis=0) + body[f"contact_{what}"]
             assert np.linalg.norm(left) <= 1e-10 * np.linalg.norm(body[f"contact_{what}"])
         assert body["balance"] <= 1e-10
-
-
-@pytest.mark.parametrize(
-    ("failed", "changes"),
-    [
-        (
-            [],
-            {
-                "solution/lower/von_mises_stress": "solution.xdmf: von_mises_stress of lower",
-                "contact/upper_bottom/initial_gap": "contact.xdmf: initial_gap",
-                "contact/lower_top/contact_force": "contact.xdmf: contact_force of lower:top",
-                "contact/lower_top/pressure": "contact.xdmf: pressure of lower:top",
-                "contact/lower_top/slip": "contact.xdmf: slip of lower:top",
-                "contact/lower_top/normal": "contact.xdmf: normal of lower:top",
-            },
-        ),
-        (
-            ["equilibrium"],
-            {
-                "solution/upper/displacement": "solution.xdmf: von_mises_stress of upper",
-                "solution/lower/young": "solution.xdmf: young",
-                "solution/upper/spring_force": "solution.xdmf: spring_force of upper",
-                "contact/upper_bottom/contact_force": "contact.xdmf: pressure",
-                "contact/upper_bottom/area": "contact.xdmf: area",
-            },
-        ),
-    ],
-)
-def test_changed_fields_are_noticed(failed, changes, tmp_path):
-    folder = copied(TWO, tmp_path / "run") / FIRST
-    for place in changes:
-        file, _, field = place.partition("/")
-        change(folder / f"{file}.h5", field, one)
-    found = check(folder)
-    assert {*failed} <= {check.name for check in found.certificate.checks if not check.passed}
-    for fault in changes.values():
-        assert any(line.startswith(fault) for line in found.faults), found.faults
-
-
-def test_changed_numbers_are_noticed(tmp_path):
-    folder = copied(TWO, tmp_path / "run") / FIRST
-    places = [
-        ("faces", 0, "opposite_force", 2),
-        ("faces", 0, "opposite_moment", 0),
-        ("bodies", 0, "contact_moment", 1),
-        ("bodies", 1, "balance"),
-        ("reactions", 2, "force", 0),
-        ("probes", 0, "displacement", 2),
-    ]
-    for place in places:
-        edit(folder / "summary.json", lambda summary, place=place: put(summary, place, 0.1234))
-    faults = check(folder).faults
-    for place in places:
-        assert any(line.startswith(shown(place)) for line in faults), place
 
 
 def test_without_a_case_the_contact_of_every_body_is_summed(tmp_path):
@@ -156,8 +89,7 @@ def test_a_history_resumes_with_the_same_figures(tmp_path):
 def test_two_ranks_write_what_one_does(tmp_path):
     (tmp_path / "two.toml").write_text(TWO)
     options = ("--output", tmp_path / "run", "--set", "output.picture=false")
-    done = run_coulomb("run", tmp_path / "two.toml", *options, ranks=2)
-    assert done.returncode == 0, done.stderr
+    run_coulomb("run", tmp_path / "two.toml", *options, ranks=2)
     assert check(tmp_path / "run").passed
     mine, theirs = (json.loads((run / LAST / "summary.json").read_text()) for run in (made(TWO), tmp_path / "run"))
     for name in ("opposite_force", "opposite_moment", "contact_area"):
@@ -214,8 +146,8 @@ APART += part("lower", (1.0, 1.0, 0.5), (2, 2, 2)) + part("upper", (0.6, 1.0, 0.
 
 def test_surfaces_that_run_through_each_other_are_judged_again(tmp_path):
     (tmp_path / "case.toml").write_text(APART)
-    done = run_coulomb("run", tmp_path / "case.toml", "--output", tmp_path / "results")
-    assert done.returncode == 1 and "'upper:bottom' is 10 mm inside, through 'lower:top'" in done.stderr
+    done = run_coulomb("run", tmp_path / "case.toml", "--output", tmp_path / "results", code=1)
+    assert "'upper:bottom' is 10 mm inside, through 'lower:top'" in done.stderr
     folder = tmp_path / "results"
     found = check(folder)
     assert (

@@ -6,28 +6,16 @@ import shutil
 import h5py
 import numpy as np
 import pytest
-from bodies_runs import TWO
-from check_runs import BALL, BLOCK, change, copied, edit, made, one_entry
-from rubber_blocks import DRAWN
-from test_check_ties import SCREWED
+from check_runs import BALL, BLOCK, change, copied, made
 
 from coulomb.recheck import check
 
-LARGE = DRAWN.replace("times = [0.5, 1.0, 1.5, 2.0]", "times = [0.5, 1.0, 1.2]")
 RUNS = {
     "block": (BLOCK, "."),
     "tresca": (BLOCK + '[solver]\nmethod = "successive-tresca"\n', "."),
     "ball": (BALL, "steps/0002"),
-    "pair": (TWO, "steps/0002"),
-    "bolt": (SCREWED, "steps/0003"),
-    "large": (LARGE, "steps/0003"),
 }
 """Case, and the directory in which files are changed."""
-
-
-def entry(file, name):
-    """The largest entry of a field by a millionth, an entry of a field of zeros by as much."""
-    return lambda run: change(run / f"{file}.h5", name, one_entry)
 
 
 def moved(file):
@@ -75,10 +63,6 @@ def of_first_step(*names):
     return fault
 
 
-def more_energy(contents):
-    contents["step"]["energy"]["elastic"] *= 1.000001
-
-
 OTHER_LOAD = BLOCK.replace("-2e7]", "-2.1e7]")
 FAULTS = {
     "tresca: slip bound": lambda run: change(run / "contact.h5", "slip_bound", lambda g: 1.001 * g),
@@ -94,20 +78,11 @@ FAULTS = {
     "block: all files of another case": of_another(OTHER_LOAD, "solution.h5", "contact.h5", "summary.json"),
     "ball: another step": of_first_step("solution.h5", "contact.h5"),
     "ball: all of another step": of_first_step("solution.h5", "contact.h5", "summary.json"),
-    "pair: normal": entry("contact", "upper_bottom/normal"),
-    "pair: temperature": entry("solution", "upper/temperature_change"),
-    "bolt: tie": entry("solution", "up/tie_force"),
-    "large: displacement": entry("solution", "displacement"),
-    "large: von Mises": entry("solution", "von_mises_stress"),
-    "large: force": entry("contact", "contact_force"),
-    "large: normal": entry("contact", "normal"),
-    "large: energy": lambda run: edit(run / "summary.json", more_energy),
 }
 
 
-@pytest.mark.parametrize("name", ["large", "tresca"])
-def test_unchanged(name):
-    found = check(made(RUNS[name][0]))
+def test_unchanged():
+    found = check(made(RUNS["tresca"][0]))
     assert found.passed, str(found)
 
 

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from case_texts import body, one_body
-from check_runs import change, copied, edit, field, get, made, put, shown
+from check_runs import change, copied, field, made
 from conftest import run_coulomb
 from mpi4py import MPI
 
@@ -66,31 +66,11 @@ thermal = { factor = 2e4, hardness = 1e8, temperature = 25.0, share = 0.3 }
 """
 
 
-@pytest.mark.parametrize("text", [BARS, SLIDER])
-def test_heat_is_computed_again(text):
-    found = check(made(text))
-    assert found.passed and not found.faults, str(found)
-    assert "heat" not in str(found).partition("nothing to compare with:")[2]
-
-
 def changed(values):
     """One entry that no load acts on, by a hundred thousandth of the largest."""
     place = np.argmin(np.abs(np.abs(values) - 0.5 * np.max(np.abs(values))))
     values.flat[place] += 1e-5 * np.max(np.abs(values))
     return values
-
-
-@pytest.mark.parametrize(("text", "step"), [(BARS, ""), (SLIDER, "steps/0002")])
-def test_changed_heat_is_found(text, step, tmp_path):
-    folder = copied(text, tmp_path / "run") / step
-    places = [("heat", "flows", 0, "power"), ("heat", "through_contacts", 0), ("heat", "temperature", "max")]
-    places += [("heat", "power_in"), ("heat", "flows", 1, "power")]
-    for place in places:
-        edit(folder / "summary.json", lambda tree, place=place: put(tree, place, get(tree, place) * (1.0 + 1e-5)))
-    edit(folder / "summary.json", lambda tree: put(tree, ("heat", "balanced"), False))
-    faults = check(folder).faults
-    for place in (*places, ("heat", "balanced")):
-        assert any(line.startswith(shown(place)) for line in faults), place
 
 
 def test_a_changed_temperature_is_found(tmp_path):
@@ -138,10 +118,10 @@ def test_a_run_whose_heat_is_not_found_has_no_valid_answer(tmp_path):
     film = '[[heat]]\nface = "upper:top"\nfilm = 500.0\nambient = "80 + 100*x"\n'
     assert film in BARS
     case.write_text(BARS.replace(film, "").replace("thermal = { factor = 2e3, hardness = 1e6 }", ""))
-    done = run_coulomb("run", case, "--output", target, "--set", "output.picture=false")
+    done = run_coulomb("run", case, "--output", target, "--set", "output.picture=false", code=1)
     summary = json.loads((target / "summary.json").read_text())
-    assert done.returncode == 1 and "nothing fixes the temperature of upper" in done.stderr
+    assert "nothing fixes the temperature of upper" in done.stderr
     assert (
         not summary["valid"] and not summary["certificate"]["passed"] and not summary["certificate"]["heat"]["passed"]
     )
-    assert run_coulomb("check", target).returncode == 1
+    run_coulomb("check", target, code=1)

@@ -120,32 +120,12 @@ def test_faults_in_the_history_are_detected(text, faulty, steps, monkeypatch, tm
 
 
 STEP = "steps/0002/summary.json"
-RECORDS = {
-    "step.energy.dissipated": lambda s: scale(s, "step", "energy", "dissipated"),
-    "step.energy.loads": lambda s: scale(s, "step", "energy", "loads"),
-    "step.row.force_z": lambda s: scale(s, "step", "row", "force_z"),
-    "step.row.energy_imbalance": lambda s: s["step"]["row"].update(energy_imbalance=1.0),
-    "step.row.certified": lambda s: s["step"]["row"].update(certified=False),
-    "step.row.moment_x": lambda s: s["step"]["row"].pop("moment_x"),
-    "totals.dissipated_energy": lambda s: scale(s, "totals", "dissipated_energy"),
-}
 
 
 def scale(entry, *path):
     for key in path[:-1]:
         entry = entry[key]
     entry[path[-1]] *= 1.0 + 1e-6
-
-
-def test_records_of_a_step(tmp_path):
-    """All are changed at once; each is named."""
-    folder = copied(BALL, tmp_path / "run")
-    for spoil in RECORDS.values():
-        edit(folder / STEP, spoil)
-    found = check(folder)
-    assert failing(found) == [2]
-    faults = sorted(fault.split(":")[0] for fault in found.steps[1].faults)
-    assert faults == sorted(f"summary.json.{k}" for k in RECORDS)
 
 
 def test_number_and_time_of_a_step(tmp_path):
@@ -258,11 +238,10 @@ def test_steps_of_two_histories(tmp_path):
 def test_the_command(tmp_path):
     folder = copied(BALL, tmp_path / "run")
     done = run_coulomb("check", folder)
-    assert done.returncode == 0 and done.stderr == ""
+    assert done.stderr == ""
     assert [line[:8] for line in done.stdout.splitlines()[:3]] == ["step   1", "step   2", "step   3"]
     change(folder / "steps" / "0002" / "solution.h5", "displacement", lambda u: u * (1.0 + 1e-4))
-    done = run_coulomb("check", folder)
-    assert done.returncode == 1
+    done = run_coulomb("check", folder, code=1)
     lines = done.stdout.splitlines()
     assert [line for line in lines if line.startswith("step")][1].endswith("FAILED")
     assert any(line.startswith("  equilibrium") and "FAILED" in line for line in lines)

@@ -96,8 +96,8 @@ def test_a_step_outside_the_theory_stays_so(tmp_path):
     case = tmp_path / "case.toml"
     case.write_text(HISTORY)
     run = ("run", case, "--set", "output.picture=false", "--output")
-    assert run_coulomb(*run, tmp_path / "strict").returncode == 1
-    assert run_coulomb(*run, tmp_path / "forced", "--force").returncode == 0
+    run_coulomb(*run, tmp_path / "strict", code=1)
+    run_coulomb(*run, tmp_path / "forced", "--force")
     assert json.loads((tmp_path / "forced" / "case.json").read_text())["small_strain"] == "warn"
     strict, forced = check(tmp_path / "strict"), check(tmp_path / "forced")
     assert not strict.passed and not any(step.faults for step in strict.steps) and forced.passed
@@ -151,12 +151,6 @@ def test_every_entry_is_compared_or_named(with_case, tmp_path):
     assert ("solver of case.json" in said) is with_case
     assert ("meaning of certificate" in said and "loads" in said) is not with_case
     assert not without_effect(folder, said)
-
-
-def test_warnings_of_strains_are_compared(tmp_path):
-    folder = copied(SQUEEZED, tmp_path / "run")
-    edit(folder / "summary.json", lambda contents: put(contents, ("small_strain", "violations", 0), "none"))
-    assert any(fault.startswith("summary.json.small_strain.violations[0]") for fault in check(folder).faults)
 
 
 def test_other_files_and_fields_are_named(tmp_path):
@@ -229,8 +223,7 @@ def test_the_case_of_a_step(tmp_path):
     BoxFile().write(tmp_path / "part.msh")
     (tmp_path / "case.toml").write_text(OF_FILE)
     run = tmp_path / "run"
-    done = run_coulomb("run", "case.toml", "--set", "output.picture=false", "--output", run, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    run_coulomb("run", "case.toml", "--set", "output.picture=false", "--output", run, cwd=tmp_path)
     path, said = run / "steps/0001/summary.json", named(check(run))
     contents = json.loads(path.read_text())
     places = {place: value for place, value in leaves(contents["step"]["case"])}

@@ -87,8 +87,8 @@ def test_a_history_is_continued_and_checked(tmp_path):
     assert found.passed, str(found)
     with pytest.raises(ValueError, match="a, L of the body differ"):
         history.run(both("hexahedron", 2, True)[1], HistoryFiles(tmp_path / "two", resume=True))
-    done = run_coulomb("resume", tmp_path / "two")
-    assert done.returncode == 2 and "HistoryFiles" in done.stderr and "forms" in done.stderr
+    done = run_coulomb("resume", tmp_path / "two", code=2)
+    assert "HistoryFiles" in done.stderr and "forms" in done.stderr
 
 
 @pytest.mark.parametrize("written", [("hexahedron", 1)], indirect=True)

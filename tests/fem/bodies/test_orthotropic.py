@@ -211,7 +211,6 @@ def test_case_file(tmp_path, factor=0.5):
     text = CASE.replace("CELL", "tetrahedron").replace("[history]", f"{amplitude}\n[history]")
     (tmp_path / "case.toml").write_text(text)
     done = run_coulomb("run", "case.toml", "--output", "out", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
     assert "Coulomb friction 0.3 along and 0.1 across" in done.stdout
     with (tmp_path / "out" / "history.csv").open() as file:
         last = list(csv.DictReader(file))[-1]

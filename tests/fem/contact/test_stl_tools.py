@@ -96,8 +96,7 @@ def test_a_case_with_a_tool(tmp_path):
     """The file is found beside the case, and its run is checked."""
     (tmp_path / "box.stl").write_bytes(as_binary(1e3 * box_triangles()))
     (tmp_path / "case.toml").write_text(CASE)
-    done = run_coulomb("run", tmp_path / "case.toml", "--output", tmp_path / "run")
-    assert done.returncode == 0, done.stdout + done.stderr
+    run_coulomb("run", tmp_path / "case.toml", "--output", tmp_path / "run")
     assert check(tmp_path / "run").passed
     with pytest.raises(ValueError, match='a foundation of shape "stl" needs file'):
         read_case(tmp_path / "case.toml", ["contact.foundation={ shape = 'stl' }"])

@@ -1,0 +1,160 @@
+"""`coulomb check` compares every field and every number of a run, whatever the problem has."""
+
+import json
+
+import h5py
+import numpy as np
+import pytest
+from bodies_runs import TWO
+from case_texts import one_body
+from check_runs import BALL, BLOCK, WEDGE, copied, get, leaves, made, one_entry, put, scaled, shown
+from rubber_blocks import DRAWN
+from test_check_heat import BARS, SLIDER
+from test_check_supports import CASE
+from test_check_supports import PRESSED as LOADED
+from test_check_ties import GLUED, SCREWED, SPRUNG
+
+from coulomb.contact_fields import COMPLIANCES
+from coulomb.io.field_files import grids_of
+from coulomb.recheck import check, run
+from coulomb.recheck.posed import OF_SOLVER
+
+SECTOR = one_body((0.5, 0.5, 0.4), (3, 4, 2))
+SECTOR += """\
+cyclic_symmetry = [{ face = "left", against = "front", axis = [0.0, 0.0, 1.0], sectors = 4 }]
+traction = [{ face = "top", value = ["-4e5*y", "4e5*x", "-1e6"] }]
+contact = { face = "bottom", friction = 0.3 }
+"""
+
+PRESSED = one_body((0.1, 0.1, 0.02), (4, 3, 2), 1e9)
+PRESSED += """\
+contact = { face = "bottom", friction = 0.3 }
+history = { times = [0.5, 1.0] }
+point_load = [{ face = "top", force = [0.0, 0.0, -5e3], moment = [0.0, 2.0, 0.0] }]
+[[rigid_face]]
+face = "top"
+translation = { x = 0.0, y = 0.0 }
+rotation = { x = 0.0, z = 0.004 }
+amplitude = [[0.0, 0.0], [1.0, 1.0]]
+"""
+
+SLICE = one_body((0.1, 0.02, 0.05), (4, 1, 3), 1e9, degree=2)
+SLICE += """\
+contact = { face = "bottom", friction = 0.3 }
+history = { times = [0.5, 1.0] }
+symmetry = [{ face = "front" }]
+rigid_face = [{ face = "back", along = "free", rotation = { x = 1e-4 }, amplitude = [[0.0, 0.0], [1.0, 1.0]] }]
+point_load = [{ face = "top", force = [20.0, 5.0, -5e2] }]
+"""
+
+RUNS = {
+    "hexahedra": (BLOCK, "."),
+    "tetrahedra": (WEDGE, "."),
+    "ball": (BALL, "steps/0002"),
+    "pair": (TWO, "steps/0001"),
+    "large motions": (DRAWN.replace("times = [0.5, 1.0, 1.5, 2.0]", "times = [0.5, 1.0, 1.2]"), "steps/0003"),
+    "oblique supports": (CASE, "steps/0003"),
+    "tie": (GLUED, "steps/0001"),
+    "sector": (SECTOR, "."),
+    "rigid face": (PRESSED, "steps/0002"),
+    "slice": (SLICE, "steps/0002"),
+    "springs of a rigid face": (SPRUNG, "steps/0002"),
+    "bolt": (SCREWED, "steps/0002"),
+    "locked bolt": (SCREWED, "steps/0004"),
+    "foundation under load": (LOADED, "steps/0002"),
+    "heat": (BARS, "."),
+    "heat of friction": (SLIDER, "steps/0002"),
+}
+"""Case, and the directory in which files are changed."""
+
+LEFT = {
+    "large motions": {"stress_xy", "stress_yz"},
+    "oblique supports": {"friction_work"},
+    "heat": {"temperature_change"},
+    "heat of friction": {"temperature_change"},
+}
+"""Fields that are rounding errors, and temperatures, of which one entry is less than conduction is solved for."""
+
+GIVEN = {"displacement", "contact_force", *COMPLIANCES, "status", "node", "opposite_of", "node_number"}
+"""Fields that the others follow from, and whole numbers."""
+
+
+@pytest.mark.parametrize("name", [name for name in RUNS if name != "locked bolt"])
+def test_unchanged_results_agree(name):
+    found = check(made(RUNS[name][0]))
+    assert found.passed and found.recorded, found
+    for one in found.steps or (found,):
+        assert all(f"{field} of contact.xdmf" in one.trusted[-1] for field in COMPLIANCES)
+
+
+def spoilt(folder, spoil, left):
+    """The beginnings of the faults of all fields but those left, which are changed."""
+    for file in ("solution", "contact"):
+        grids = grids_of(folder / f"{file}.xdmf")
+        with h5py.File(folder / f"{file}.h5", "r+") as opened:
+            for grid, group in grids.items():
+                fields = opened["Function"][group] if group else opened["Function"]
+                for field in sorted({*fields} - left):
+                    data = fields[f"{field}/0"]
+                    data[...] = spoil(data[...])
+                    yield f"{file}.xdmf: {field}{f' of {grid}' if grid else ''}: "
+
+
+@pytest.mark.parametrize(
+    ("name", "spoil"),
+    [*((name, one_entry) for name in RUNS), *((name, scaled(1.0 + 1e-6)) for name in ("hexahedra", "tetrahedra"))],
+)
+def test_every_field(name, spoil, tmp_path):
+    """All are changed at once, and each is named."""
+    folder = copied(RUNS[name][0], tmp_path / "run") / RUNS[name][1]
+    changed = list(spoilt(folder, spoil, GIVEN | LEFT.get(name, set())))
+    faults = check(folder).faults
+    assert not [start for start in changed if not any(fault.startswith(start) for fault in faults)]
+
+
+OF_STEP = ("number", "time", "case", "pending", "halvings")
+"""Of a load step, what the check takes from there or judges otherwise."""
+
+
+def judged(path):
+    """Whether an entry follows from the answer; names of faces and what is understood are of the case."""
+    if path[0] in (*OF_SOLVER, "remarks", "understood", "law", "loaded_foundations", "run", "picture"):
+        return False
+    taken = ("step", *OF_STEP), ("heat", "rounds", "agreement")
+    return "faces" not in path[-2:] and not any(path[0] == top and path[1] in names for top, *names in taken)
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_every_number(name, tmp_path, monkeypatch):
+    """All are changed at once, each by a millionth of itself unless it is a rounding error; each is named."""
+    folder = copied(RUNS[name][0], tmp_path / "run") / RUNS[name][1]
+    numbers, numbers_of = [], run.numbers_of
+    monkeypatch.setattr(run, "numbers_of", lambda *of: numbers.append(numbers_of(*of)) or numbers[-1])
+    check(folder)
+    millionths, spoilt, largest = 0, json.loads((folder / "summary.json").read_text()), dict[str, float]()
+    places = [(path, value) for path, value in leaves(spoilt) if judged(path)]
+
+    def key(path):
+        return next(name for name in path[::-1] if isinstance(name, str))
+
+    for path, value in places:
+        if isinstance(value, float):
+            largest[key(path)] = max(largest.get(key(path), 0.0), abs(value))
+    for path, value in places:
+        rounding = np.ptp([get(of, path) for of in numbers]) if isinstance(value, float) else 0.0
+        rounding = max(rounding, 2e-13 * largest.get(key(path), 0.0), 1e-12 * (path[0] == "certificate"))
+        if isinstance(value, bool):
+            put(spoilt, path, not value)
+        elif isinstance(value, int):
+            put(spoilt, path, value + 1)
+        elif isinstance(value, float):
+            exact = rounding < 1e-7 * abs(value)
+            millionths += exact
+            put(spoilt, path, value * (1.0 + 1e-6) if exact else value + 10.0 * rounding + 1e-12)
+        else:
+            put(spoilt, path, "other")
+    assert millionths > 40
+    (folder / "summary.json").write_text(json.dumps(spoilt))
+    faults = check(folder).faults
+    missed = [path for path, _ in places if not any(fault.startswith(shown(path)) for fault in faults)]
+    assert not missed, missed
