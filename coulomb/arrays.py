@@ -71,6 +71,21 @@ def squares(y: FloatArray) -> FloatArray:
     return y[:, 0] ** 2 + y[:, 1] ** 2
 
 
+def distinct(rows: IntArray) -> tuple[IntArray, IntArray]:
+    """Where each distinct row of whole numbers >= 0 (k, m) is first, in their order, and the number of every row among
+    them, shape (k,): as `np.unique`, in less than half its time."""
+    number, count = rows[:, 0], rows.max(initial=0) + 1
+    for column in rows.T[1:]:
+        _, first, number = np.unique(number * count + column, return_index=True, return_inverse=True)
+    return first, number
+
+
+def rows_among(rows: IntArray, some: IntArray) -> npt.NDArray[np.bool_]:
+    """Which of some rows of whole numbers >= 0 are among others, shape (k,)."""
+    number = distinct(np.vstack([rows, some]))[1]
+    return np.isin(number[len(rows) :], number[: len(rows)])
+
+
 def unit_vectors(vectors: FloatArray) -> FloatArray:
     """Vectors (..., 3) over their lengths; 0 remains."""
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)

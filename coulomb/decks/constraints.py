@@ -10,6 +10,7 @@ from ..arrays import FloatArray, IntArray
 from .cards import Card, key_of
 from .contacts import tied_pairs
 from .equations import Equations
+from .node_surfaces import named_sides
 from .reading import Reading
 from .rigid_bodies import skin_of
 from .steps import Amplitude, Rows, Step, Tracks, reference
@@ -93,13 +94,10 @@ class Constraints:
             return self._of.deck.node_sets.members(surface.name)
         found: list[IntArray] = []
         for what, side in surface.lines:
-            for width, rows in self._of.deck.solids.items():
-                mine = rows[np.isin(rows[:, 0], self._of.elements_of(what)), 1:]
-                table = dict(zip((f"S{k}" for k in range(1, 7)), self._of.deck.sides(width), strict=False))
-                if len(mine) and (side not in table or width > 8):
+            for nodes, table in named_sides(self._of.deck, self._of.deck.solids, what, side):
+                if not (side and table) or nodes.shape[1] > 8:
                     raise coupling.fault("couplings of some directions are read on sides without midside nodes")
-                if len(mine):
-                    found.append(mine[:, list(table[side])].ravel())
+                found.append(nodes[:, table[0]].ravel())
         return np.unique(np.concatenate(found))
 
     def _rigid_body(self, card: Card) -> None:
@@ -137,13 +135,11 @@ class Constraints:
         """A vector from the middle of the elements of a surface to the middle of their sides there."""
         deck, total = self._of.deck, np.zeros(3)
         for what, side in deck.surfaces[key_of(name)].lines:
-            for width, rows in deck.solids.items():
-                x = deck.points[deck.places(rows[np.isin(rows[:, 0], self._of.elements_of(what)), 1:])]
-                table = deck.sides(width)
-                if len(x) and side not in [f"S{k + 1}" for k in range(len(table))]:
+            for nodes, table in named_sides(deck, deck.solids, what, side):
+                if not (side and table):
                     raise card.fault(f"the surface {name!r} has no sides of elements")
-                if len(x):
-                    total += (x[:, list(table[int(side[1:]) - 1])].mean(axis=1) - x.mean(axis=1)).sum(axis=0)
+                x = deck.points[deck.places(nodes)]
+                total += (x[:, table[0]].mean(axis=1) - x.mean(axis=1)).sum(axis=0)
         return total
 
     # --- what is prescribed at reference nodes ------------------------------------------------------------------------

@@ -394,6 +394,10 @@ class Geometry:
             raise ValueError(f"{self.path}: has elements of several kinds: {', '.join(kinds.values())}")
         return next(iter(kinds))
 
+    def elements_of(self, label: int | str) -> IntArray:
+        """Numbers of an element or a set of elements."""
+        return np.array([label]) if isinstance(label, int) else self.element_sets.members(label)
+
     def sides(self, width: int) -> tuple[tuple[int, ...], ...]:
         """Corners of the sides S1, S2, ... of solid elements by their number of nodes; of a `section` ends of edges."""
         if self.section:

@@ -94,7 +94,7 @@ class Heat:
     def _on_sides(self, into: Tracks[Any], card: Card, step: Step) -> None:
         for name, values, sides in self._of.deck.on_sides(card):
             key = frozenset(sides)
-            elements = np.concatenate([self._of.elements_of(what) for what, _ in sides])
+            elements = np.concatenate([self._of.deck.elements_of(what) for what, _ in sides])
             self._names[key] = f"{self._of.body_of(elements, f'*{card.keyword}')}{name}"
             if card.kind == "FILM":
                 self._give(into, (key, values[1]), values[0], step, card)
@@ -111,7 +111,7 @@ class Heat:
             if card.kind != "DFLUX" or kind != "BF" or len(words) < 4:
                 raise card.fault("what is on sides of elements is read, as F1 and S1, and BF in the volume", row)
             label = self._of.deck.label(words[0])
-            elements = self._of.elements_of(label if isinstance(label, str) else int(label[0]))
+            elements = self._of.deck.elements_of(label if isinstance(label, str) else int(label[0]))
             every = dict(self._of.bodies) or {"": self._of.all_elements}
             for name, of in every.items():
                 inside = np.isin(of, elements)

@@ -72,7 +72,7 @@ class Loads:
                     continue
                 for name, (value,), sides in self._of.deck.on_sides(card):
                     of_sides = frozenset(sides)
-                    elements = np.concatenate([self._of.elements_of(what) for what, _ in sides])
+                    elements = np.concatenate([self._of.deck.elements_of(what) for what, _ in sides])
                     names.setdefault(of_sides, f"{self._of.body_of(elements, '*DLOAD')}{name}")
                     self._refuse_parts(of_sides, pressures, step, card)
                     pressures.give(of_sides, value, step, amplitude)
@@ -122,7 +122,7 @@ class Loads:
         """Numbers of elements with their sides; those of free ones, without a side, do not count."""
         surfaces = self._of.deck.surfaces
         lines = surfaces[key_of(key.rpartition(":")[2])].lines if isinstance(key, str) else key
-        return frozenset((int(n), side) for what, side in lines if side for n in self._of.elements_of(what))
+        return frozenset((int(n), side) for what, side in lines if side for n in self._of.deck.elements_of(what))
 
     def _volumes(self, volumes: Tracks[_Volume], sections: _Sections) -> dict[str, Any]:
         """Loads in the volume: of all elements, with one course in time, as gravity and body_force; others by groups of
@@ -163,7 +163,7 @@ class Loads:
         if not name:
             return self._of.all_elements
         label = self._of.deck.label(name)
-        return self._of.elements_of(label if isinstance(label, str) else int(label[0]))
+        return self._of.deck.elements_of(label if isinstance(label, str) else int(label[0]))
 
     def _force(self, kind: str, numbers: tuple[float, ...], value: float, density: float) -> list[float | str]:
         """Of a load of such a value: per volume, with a density per mass for those that are given so."""

@@ -1,13 +1,13 @@
-"""Slave surfaces that are given by nodes: the facets of contact, where the nodes make none by themselves."""
+"""Sides of elements that surfaces name; and the facets of slave surfaces of nodes that make none by themselves."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 import numpy as np
 
-from ..arrays import FloatArray, IntArray, unit_vectors
+from ..arrays import FloatArray, IntArray, distinct, rows_among, unit_vectors
 from ..nearest import tree_of
 from .cards import key_of
 from .geometry import Geometry
@@ -15,6 +15,53 @@ from .sets import Surface
 
 _OPPOSITE: Final = -0.5
 """Cosine of the angle between the normals of two facets up to which one faces the other."""
+
+
+def named_sides(
+    deck: Geometry, rows: Mapping[int, IntArray], what: int | str | None, side: str
+) -> Iterator[tuple[IntArray, list[list[int]]]]:
+    """Of the elements that a line of a surface names, of each number of nodes that there is.
+
+    Args:
+        deck: The geometry.
+        rows: Elements as `Geometry.solids` has them.
+        what: The number of one, or a set; None for all.
+        side: S1, S2, ...; "" for all sides.
+
+    Yields:
+        Numbers of their nodes, shape (k, width), and in which columns the corners of each side are; none if they have
+        no such side.
+    """
+    for block in rows.values():
+        mine = block if what is None else block[np.isin(block[:, 0], deck.elements_of(what))]
+        if len(mine):
+            table = enumerate(deck.sides(mine.shape[1] - 1), 1)
+            yield mine[:, 1:], [list(corners) for number, corners in table if side in ("", f"S{number}")]
+
+
+def refuse_other_sides(
+    deck: Geometry, rows: Mapping[int, IntArray], what: int | str, side: str, where: str, kind: str = ""
+) -> None:
+    """A ValueError, which begins with `where`, if elements that a line of a surface names have no such side."""
+    for nodes, table in named_sides(deck, rows, what, side):
+        if not table:
+            raise ValueError(f"{where}: elements of {nodes.shape[1]} nodes{kind} have no side {side!r}")
+
+
+def corners_of_sides(deck: Geometry, rows: Mapping[int, IntArray], what: int | str | None, side: str) -> IntArray:
+    """Places of the corners of these sides among `deck.points`, shape (f, 4), the last one again where there are fewer;
+    without a side those that no other element has."""
+    found: list[IntArray] = [np.empty((0, 4), dtype=np.int64)]
+    for nodes, table in named_sides(deck, rows, what, side):
+        found += [deck.places(nodes[:, [*corners, *corners[-1:] * 2][:4]]) for corners in table]
+    sides: IntArray = np.vstack(found)
+    if side:
+        return sides
+    if what is not None:
+        outside = corners_of_sides(deck, rows, None, "")
+        return sides[rows_among(np.sort(outside, axis=1), np.sort(sides, axis=1))]
+    number = distinct(np.sort(sides, axis=1))[1]
+    return sides[np.bincount(number)[number] == 1]
 
 
 def facets_with_nodes(deck: Geometry, name: str) -> IntArray | None:
@@ -33,7 +80,7 @@ def facets_with_nodes(deck: Geometry, name: str) -> IntArray | None:
     masters = [one for one in _masters(deck, key_of(name)) if not one.nodes]
     if surface is None or not surface.nodes or not masters:
         return None
-    facets = _outside(deck)
+    facets = corners_of_sides(deck, deck.solids, None, "")
     among = np.zeros(len(deck.points), dtype=bool)
     among[deck.places(deck.node_sets.members(surface.name))] = True
     whole = np.all(among[facets], axis=1)
@@ -45,7 +92,7 @@ def facets_with_nodes(deck: Geometry, name: str) -> IntArray | None:
     if np.all(on_whole[among & corners]):
         return None
     lines = [line for one in masters for line in one.lines]
-    opposite = np.vstack([facets[:0], *(_sides(deck, what, side, facets) for what, side in lines)])
+    opposite = np.vstack([facets[:0], *(corners_of_sides(deck, deck.solids, what, side) for what, side in lines)])
     near: IntArray = facets[touched]
     if len(opposite) and len(near):
         there = tree_of(deck.points[opposite].mean(axis=1)).query(deck.points[near].mean(axis=1))[1]
@@ -60,37 +107,6 @@ def _masters(deck: Geometry, slave: str) -> Iterator[Surface]:
             for _, words in card.rows():
                 if len(words) > 1 and key_of(words[0]) == slave and key_of(words[1]) in deck.surfaces:
                     yield deck.surfaces[key_of(words[1])]
-
-
-def _all_sides(deck: Geometry, elements: IntArray | None = None, side: str = "") -> IntArray:
-    """Corners of the sides of all elements, or of some, or of one side of these, shape (f, 4)."""
-    found: list[IntArray] = [np.empty((0, 4), dtype=np.int64)]
-    for width, rows in deck.solids.items():
-        mine = rows if elements is None else rows[np.isin(rows[:, 0], elements)]
-        points = deck.places(mine[:, 1:])
-        for number, corners in enumerate(deck.sides(width), 1):
-            if side in ("", f"S{number}"):
-                found.append(points[:, [*corners, corners[-1]][:4]])
-    return np.vstack(found)
-
-
-def _outside(deck: Geometry) -> IntArray:
-    """Those that one element alone has."""
-    sides = _all_sides(deck)
-    _, first, count = np.unique(np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True)
-    found: IntArray = sides[np.sort(first[count == 1])]
-    return found
-
-
-def _sides(deck: Geometry, what: int | str, side: str, outside: IntArray) -> IntArray:
-    """Corners of what a line of a surface names."""
-    elements = np.array([what]) if isinstance(what, int) else deck.element_sets.members(what)
-    sides = _all_sides(deck, elements, side)
-    if side:
-        return sides
-    both = np.vstack([np.sort(outside, axis=1), np.sort(sides, axis=1)])
-    number = np.unique(both, axis=0, return_inverse=True)[1].ravel()
-    return sides[np.isin(number[len(outside) :], number[: len(outside)])]
 
 
 def _normals(deck: Geometry, facets: IntArray) -> FloatArray:

@@ -104,12 +104,8 @@ class Reading:
         if surface.nodes:
             elements = self.elements_at(self.deck.node_sets.members(surface.name))
         else:
-            elements = np.concatenate([self.elements_of(one) for one, _ in surface.lines])
+            elements = np.concatenate([self.deck.elements_of(one) for one, _ in surface.lines])
         return self.body_of(elements, f"*{card.keyword}") + surface.name
-
-    def elements_of(self, label: int | str) -> IntArray:
-        """Numbers of an element or a set of elements."""
-        return np.array([label]) if isinstance(label, int) else self.deck.element_sets.members(label)
 
     def nodes_of(self, elements: IntArray) -> IntArray:
         """Numbers of the nodes of some solid elements, ascending."""

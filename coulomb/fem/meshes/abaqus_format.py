@@ -11,18 +11,16 @@ that end in a comma, and those of one part of two alone.  Formats with plain num
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from ...arrays import IntArray
 from ...decks.geometry import CORNERS, Geometry, read_geometry
-from ...decks.node_surfaces import facets_with_nodes
+from ...decks.node_surfaces import corners_of_sides, facets_with_nodes, refuse_other_sides
 from ...decks.rigid_bodies import add_skins
 from ...decks.sets import NamedSet, Sets
 from .mesh_file import MeshFile, SectionFile, solid_nodes
-from .mesh_parts import distinct
 from .one_kind import READ, of_one_kind
 
 
@@ -60,28 +58,11 @@ def read_section(path: str, cells: str | None = None) -> SectionFile:
     numbers = np.concatenate([block[:, 0] for block in rows.values()])
     blocks = {width: deck.places(block[:, 1:]) for width, block in rows.items()}
 
-    def edges(what: int | str | None, side: str = "") -> IntArray:
-        """Ends of the edges that a line of a surface names: one side of elements, or those that one alone has."""
-        named = (
-            numbers if what is None else deck.element_sets.members(what) if isinstance(what, str) else np.array([what])
-        )
-        found: list[IntArray] = [np.empty((0, 2), dtype=np.int64)]
-        for width, points in blocks.items():
-            mine = points[np.isin(rows[width][:, 0], named)]
-            sides = {f"S{number}": list(ends) for number, ends in enumerate(deck.sides(width), 1)}
-            if side and side not in sides and len(mine):
-                raise ValueError(f"{path}: elements of {width} nodes in 2D have no side {side!r}")
-            found += [mine[:, ends] for name, ends in sides.items() if side in ("", name)]
-        return np.sort(np.vstack(found), axis=1)
-
-    every = edges(None)
-    of_every = distinct(every)[1]
-    outside = every[np.bincount(of_every)[of_every] == 1]
-
     def lines(given: Sequence[tuple[int | str, str]]) -> IntArray:
-        parts = [edges(what, side) for what, side in given]
-        parts = [one if side else one[_among(outside, one)] for one, (_, side) in zip(parts, given, strict=True)]
-        return np.vstack([np.empty((0, 2), dtype=np.int64), *parts])
+        for what, side in given:
+            refuse_other_sides(deck, rows, what, side, path, " in 2D")
+        parts = [corners_of_sides(deck, rows, what, side)[:, :2] for what, side in given]
+        return np.sort(np.vstack([np.empty((0, 2), dtype=np.int64), *parts]), axis=1)
 
     add_skins(deck)
     surfaces = {one.name: lines(one.lines) for one in deck.surfaces.values() if not one.nodes}
@@ -100,11 +81,6 @@ def read_section(path: str, cells: str | None = None) -> SectionFile:
 
 def _given(sets: Sets) -> list[NamedSet]:
     return [one for one in sets.all.values() if not one.hidden]
-
-
-def _among(rows: IntArray, some: IntArray) -> npt.NDArray[np.bool_]:
-    number = distinct(np.vstack([rows, some]))[1]
-    return np.isin(number[len(rows) :], number[: len(rows)])
 
 
 class _Mesh:
@@ -141,7 +117,7 @@ class _Mesh:
         used = np.zeros(len(deck.points), dtype=bool)
         for block in blocks.values():
             used[block] = True
-        self._used, self._corners = used, blocks
+        self._used = used
         self._kind.used = None if cells is None else used
         numbers = np.concatenate([deck.tags, np.zeros(len(self._kind.points) - len(deck.tags), dtype=np.int64)])
         groups = self._cell_groups(), self._face_groups(), self._node_groups()
@@ -167,9 +143,7 @@ class _Mesh:
         for surface in deck.surfaces.values():
             around = facets_with_nodes(deck, surface.name) if surface.nodes else None
             if around is not None:
-                mine = around[np.all(self._used[around], axis=1)]
-                triangular = mine[:, 2] == mine[:, 3]
-                groups[surface.name] = self._joined([mine[triangular, :3], mine[~triangular]])
+                groups[surface.name] = self._joined(_by_shape(around[np.all(self._used[around], axis=1)]))
             if not surface.nodes:
                 groups[surface.name] = self._joined(
                     [rows for what, side in surface.lines for rows in self._sides(surface.name, what, side)]
@@ -209,38 +183,15 @@ class _Mesh:
 
     def _sides(self, name: str, what: int | str, side: str) -> list[IntArray]:
         """Corners of the facets that a line of a surface names."""
-        numbers = np.array([what]) if isinstance(what, int) else self._deck.element_sets.members(what)
-        on_flats = self._on_flats(numbers)
-        chosen = {width: points[np.isin(self._rows[width][:, 0], numbers)] for width, points in self._corners.items()}
         if side in ("", "SPOS", "SNEG"):
-            return on_flats or self._free(chosen)
-        found = []
-        for width, points in chosen.items():
-            table = self._deck.sides(width)
-            if not len(points):
-                continue
-            if side not in [f"S{k + 1}" for k in range(len(table))]:
-                raise ValueError(f"{self._deck.path}: *SURFACE {name}: elements of {width} nodes have no side {side!r}")
-            found.append(points[:, list(table[int(side[1:]) - 1])])
-        return found
+            on_flats, side = self._on_flats(self._deck.elements_of(what)), ""
+            if on_flats:
+                return on_flats
+        refuse_other_sides(self._deck, self._rows, what, side, f"{self._deck.path}: *SURFACE {name}")
+        return _by_shape(corners_of_sides(self._deck, self._rows, what, side))
 
-    def _free(self, chosen: Mapping[int, IntArray]) -> list[IntArray]:
-        """Facets of these cells that no other cell of the mesh has."""
-        found = []
-        for corners in (3, 4):
-            mine, everyone = (
-                np.vstack(
-                    [np.empty((0, corners), dtype=np.int64)]
-                    + [
-                        points[:, list(face)]
-                        for width, points in cells.items()
-                        for face in self._deck.sides(width)
-                        if len(face) == corners
-                    ]
-                )
-                for cells in (chosen, self._corners)
-            )
-            if len(mine):
-                _, number = distinct(np.sort(np.vstack([mine, everyone]), axis=1))
-                found.append(mine[np.bincount(number[len(mine) :])[number[: len(mine)]] == 1])
-        return found
+
+def _by_shape(facets: IntArray) -> list[IntArray]:
+    """Triangles and quadrilaterals among facets of four corners, of which triangles repeat the last."""
+    triangular = facets[:, 2] == facets[:, 3]
+    return [facets[triangular, :3], facets[~triangular]]

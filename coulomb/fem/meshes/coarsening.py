@@ -22,13 +22,13 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, distinct
 from .. import compat
 from .curving import CREASE, arcs, put_on_surfaces
 from .exchange import on_first_rank
 from .inspection import InspectedMesh
 from .mesh_file import FACETS
-from .mesh_parts import distinct, places, sets
+from .mesh_parts import places, sets
 from .meshes import from_first_rank, refuse_flat_cells
 from .named_mesh import NamedMesh
 from .sheet_extraction import extract_sheets

@@ -10,11 +10,10 @@ import numpy.typing as npt
 import scipy.sparse
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-from ...arrays import IntArray, in_words
+from ...arrays import IntArray, distinct, in_words
 from ..mesh_formats import other_side
 from .lagrange import CORNERS, nodes_of_facets
 from .mesh_file import FACETS, MeshFile
-from .mesh_parts import distinct
 
 
 def cut(file: MeshFile, names: Sequence[str]) -> MeshFile:

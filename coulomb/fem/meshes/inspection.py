@@ -14,11 +14,10 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, IntArray, in_words
+from ...arrays import FloatArray, IntArray, distinct, in_words
 from .exchange import Exchange, even_starts, fetched, owner_of, starts_of
 from .lagrange import CORNERS, in_dolfinx_order, is_second_order, jacobians, nodes_of_facets, torn
 from .mesh_file import FACETS, MeshFile
-from .mesh_parts import distinct
 
 FLAT: Final = 1e-12
 """Smallest admissible Jacobian at a node of a cell, over the cube of the longest derivative there."""

@@ -16,9 +16,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import FloatArray, IntArray, distinct, rows_among
 from .lagrange import nodes_between
-from .mesh_parts import distinct, places
+from .mesh_parts import places
 
 _CORNERS: Final = {4: 4, 10: 4, 5: 5, 13: 5, 6: 6, 15: 6, 8: 8, 20: 8, 27: 8}
 
@@ -204,7 +204,7 @@ class _Middles:
             first, _ = distinct(np.sort(rows, axis=1))
             rows = rows[first]
             if len(known):
-                rows = rows[~_among(known, np.sort(rows, axis=1))]
+                rows = rows[~rows_among(known, np.sort(rows, axis=1))]
             edges = np.column_stack([self._middle_of(rows[:, [k, (k + 1) % 4]]) for k in range(4)])
             new = self._add(rows, edges, (-0.25, 0.5))
             known, centre = np.vstack([known, np.sort(rows, axis=1)]), np.concatenate([centre, new])
@@ -240,7 +240,7 @@ class _Middles:
         pairs = np.vstack([corners[:, list(edge)] for edge in _EDGES[4]])
         between = np.full(len(pairs), -1, dtype=np.int64)
         ends = np.sort(pairs, axis=1)
-        on_edge = _among(self._edges, ends)
+        on_edge = rows_among(self._edges, ends)
         between[on_edge] = self._middle_of(pairs[on_edge])
         for known, centre, diagonals in (
             (self._faces, self._centres, ((0, 2), (1, 3), (0, 1), (0, 3), (1, 2), (2, 3))),
@@ -252,12 +252,12 @@ class _Middles:
             # any two corners of a quadrilateral, or of a hexahedron, that no edge joins
             rows = np.vstack([known[:, list(pair)] for pair in diagonals])
             of = np.tile(centre, len(diagonals))
-            free = ~_among(self._edges, rows)
+            free = ~rows_among(self._edges, rows)
             if known.shape[1] == 8 and len(self._faces):
                 on_faces = np.vstack([self._faces[:, [a, b]] for a in range(4) for b in range(a + 1, 4)])
-                free &= ~_among(on_faces, rows)
+                free &= ~rows_among(on_faces, rows)
             rows, of = _unique(rows[free], of[free])
-            found = _among(rows, ends[left])
+            found = rows_among(rows, ends[left])
             between[left[found]] = of[places(rows, ends[left[found]])]
         assert np.all(between >= 0)
         return np.column_stack([corners, between.reshape(6, -1).T])
@@ -270,11 +270,3 @@ def _unique(rows: IntArray, values: IntArray) -> tuple[IntArray, IntArray]:
     rows = np.sort(rows, axis=1)
     first, _ = distinct(rows)
     return rows[first], values[first]
-
-
-def _among(rows: IntArray, some: IntArray) -> npt.NDArray[np.bool_]:
-    """Which of some rows are among others."""
-    if not len(rows) or not len(some):
-        return np.zeros(len(some), dtype=bool)
-    _, number = distinct(np.vstack([rows, some]))
-    return np.isin(number[len(rows) :], number[: len(rows)])

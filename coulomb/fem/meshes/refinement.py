@@ -20,14 +20,14 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import FloatArray, IntArray, distinct
 from .. import compat
 from ..compat import basix
 from ..geometry import on_all_ranks
 from .curving import put_on_surfaces
 from .exchange import Exchange, fetched, global_numbers, owner_of, starts_of
 from .lagrange import corner_geometry, corners_to_nodes, jacobians, lagrange_points, lagrange_values
-from .mesh_parts import distinct, local_cells, local_facets, parts_of
+from .mesh_parts import local_cells, local_facets, parts_of
 from .meshes import off_chords, refuse_flat_cells
 from .named_mesh import NamedMesh, without_nodes
 

@@ -18,13 +18,12 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import FloatArray, IntArray, distinct
 from ...nearest import tree_of
 from ...regular_file import read_bytes, refuse_irregular
 from ..geometry import on_all_ranks
 from .exchange import Exchange, Slabs, even_starts, fetched, on_first_rank, owner_of, starts_of
 from .mesh_file import MeshFile, SectionFile, only_set, refuse_cells, titles
-from .mesh_parts import distinct
 
 NAMES = "coulomb:names"
 """Name of the Information element with the names of numbers, as {"faces": {"sole": 3}, "cells": {"steel": 1}}: the XDMF
