@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.bodies import Elasticity
+from ..fem.bodies import Elasticity, FormBody, HyperelasticBody
 from ..fem.contact import row_products
 from ..linalg.reductions import Reductions
 from ..solvers.derivatives import Change
@@ -42,7 +42,7 @@ class Gradient:
         prescribed: Along prescribed displacements, 0 where none is, per metre, shape (k, 3), with what follows these
             nodes.
         young: Of each body of built-in materials by its name, along the logarithm of Young's modulus of every cell of
-            this rank, shape (c,).
+            this rank, shape (c,); of hyperelastic ones with all their moduli in proportion.
         pretension: Along the force of each bolt by its face, per newton; 0 if it is locked.
         border: Number of contact points on the border of two states; here they are closed, and stick where they may,
         loose: and in this one open, and slip; None without any.  Along one direction J has a derivative on one side, by
@@ -80,6 +80,28 @@ class Gradient:
             ValueError: On every rank, if their nodes are others, or far from those of the answer.
         """
         return self.lagrangian.of(more) - self.lagrangian.of(less)
+
+    def along(self, coefficient: Any) -> FloatArray:
+        """What J owes to a `dolfinx.fem.Constant` or Function in the user's forms, per unit of it, by UFL's derivative;
+        collective.
+
+        Of a Constant it has the shape of its value, and is the same on every rank; of a Function it is along its values
+        on this rank, shape (n,) of those that it owns.  In a load history coefficients are those of this step.
+
+        Raises:
+            ValueError: On every rank, if it is in none of the forms, these are compiled, or have changed since.
+        """
+        answer = self.lagrangian.answer
+        members = answer.elasticity.members
+        each = [
+            one.body.force_along(coefficient, part, self.lagrangian.displacement[one.nodes], self.load[one.nodes])
+            for one, part in zip(members, answer.loading.parts or [answer.loading], strict=True)
+            if isinstance(one.body, FormBody) and one.body.materials is None
+        ]
+        known = [of for of in each if of is not None]
+        if not known:
+            raise ValueError("along: the coefficient is in none of the forms of the bodies")
+        return np.sum(known, axis=0)
 
     def places(self) -> FloatArray:
         """What J owes to the places of all nodes, per metre, shape (k, 3): the gradient of a shape; collective.
@@ -140,6 +162,12 @@ class Lagrangian:
             value += over.sum(float(np.vdot(own, self.v[len(u) :])))
         return value
 
+    @property
+    def displacement(self) -> FloatArray:
+        """Of the answer, metres, shape (k, 3); in large motions that of the last linear problem."""
+        answer = self.answer
+        return answer.elasticity.reduction.displacement(self.u) + answer.loading.prescribed
+
     def at_points(self, state: ContactState, u: FloatArray, v: FloatArray) -> FloatArray:
         """The terms of contact points, but those of their bounds, shape (m,), at displacements u and multipliers v (k,
         3), in a state near to that of the answer; collective."""
@@ -162,8 +190,7 @@ class Lagrangian:
         constraints = body.constraints
         if constraints.ties or constraints.sprung or body.slice is not None:
             raise ValueError("derivatives along places are not known with ties, rigid faces, bolts, links and slices")
-        reduction = body.reduction
-        u, v = reduction.displacement(self.u) + loading.prescribed, reduction.displacement(self.v)
+        u, v = self.displacement, body.reduction.displacement(self.v)
         per_area = self.owed.bound * (answer.slip_bound(self.x) - law.slope(x_n) * x_n) / surface.area
 
         def terms(state: ContactState) -> FloatArray:
@@ -347,7 +374,7 @@ def _gradient(
                 u[member.nodes], v[member.nodes], None if part.temperature is None else part.temperature.change
             )
             for member, part in zip(body.members, problem.loading.parts or [problem.loading], strict=True)
-            if isinstance(member.body, Elasticity)
+            if isinstance(member.body, Elasticity | HyperelasticBody)
         },
         pretension={one.face: 0.0 if one.locked else one.shortening for one in body.constraints.bolts_at(v)},
         border=found.border,

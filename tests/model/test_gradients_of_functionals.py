@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
+from user_forms import Script
 
 import coulomb
 
@@ -102,3 +103,71 @@ def test_what_functionals_are_refused():
     assert whole.young["low"] == pytest.approx(forces.young["low"], rel=1e-9)
     with pytest.raises(ValueError, match="no contact point of the body's own faces"):
         answer.gradient(functional=answer.functions["low"]("pressure") * ufl.ds)
+
+
+class OfForms:
+    """A block of the user's forms, with a modulus, a function on the cells, and a load that are coefficients."""
+
+    def __init__(self, large=False):
+        script = self.script = Script(coulomb.box((1.0, 1.0, 0.5), (2, 1, 1)), 1)
+        self.young, self.force = script.constant(1e7), script.constant((1e5, 2e4, -2e6))
+        self.softer = script.on_cells(lambda x: 1.0 + 0.5 * x[0])
+        bcs = [script.bc(0.0, "left", 0)]
+        if large:
+            u = script.function()
+            G, mu = ufl.grad(u), self.young * self.softer / 2.6
+            E = 0.5 * (G + G.T + G.T * G)
+            energy = (mu * ufl.inner(E, E) + 0.75 * mu * ufl.tr(E) ** 2) * ufl.dx(metadata=EXACT)
+            energy -= ufl.inner(self.force, u) * script.ds("top")
+            self.body = coulomb.Body(energy=energy, displacement=u, bcs=bcs, faces=script.mesh)
+        else:
+            a = script.elasticity(self.young * self.softer, 0.3)
+            self.body = coulomb.Body(a, ufl.inner(self.force, script.v) * script.ds("top"), bcs, script.mesh)
+        self.large = large
+
+    def solve(self):
+        contact = coulomb.Contact("bottom", friction=0.3)
+        if not self.large:
+            return coulomb.ContactProblem(self.body, contact=contact, small_strain="warn").solve(tolerance=1e-12)
+        problem = coulomb.ContactProblem(self.body, contact=contact, kinematics="large")
+        return problem.solve(tolerance=1e-12)
+
+
+@pytest.mark.parametrize("large", [False, True])
+def test_along_coefficients_of_own_forms(large):
+    """A constant of numbers and of vectors, and a function; of the energy of a body, a load is one as well."""
+    made = OfForms(large)
+    answer = made.solve()
+    of_u = np.zeros_like(answer.displacement)
+    of_u[:, 2] = answer.problem.elasticity.reference[:, 0]
+
+    def value():
+        return np.sum(of_u * made.solve().displacement)
+
+    found, present = answer.gradient(displacement=of_u), value()
+    slopes = {one: found.along(one) for one in (made.young, made.force, made.softer)}
+    assert [slopes[one].shape for one in slopes] == [(), (3,), made.softer.x.array.shape]
+    if not large:  # u is in proportion to the force over the modulus
+        assert slopes[made.young] == pytest.approx(-present / 1e7, rel=1e-8)
+        assert slopes[made.force] @ made.force.value == pytest.approx(present, rel=1e-8)
+        assert slopes[made.softer] @ made.softer.x.array == pytest.approx(-present, rel=1e-8)
+    arrays = [made.young.value, made.force.value, made.softer.x.array]
+    of_cells = np.random.default_rng(5).uniform(-1.0, 1.0, made.softer.x.array.shape)
+    ways = [1e7, 1e5 * np.array([0.3, -0.2, 5.0]), of_cells]
+    slope = sum(np.sum(of * way) for of, way in zip(slopes.values(), ways, strict=True))
+    start = list(map(np.array, arrays))
+
+    def after(h):
+        for array, before, way in zip(arrays, start, ways, strict=True):
+            array[...] = before + h * way
+        return value()
+
+    more, less, half = after(H), after(-H), after(0.5 * H)
+    assert slope == pytest.approx((more - less) / (2.0 * H), rel=1e-6)
+    assert 3.8 < (more - present - H * slope) / (half - present - 0.5 * H * slope) < 4.2
+    assert after(0.0) == pytest.approx(present, rel=1e-9)
+    with pytest.raises(ValueError, match="none of the forms"):
+        found.along(made.script.constant(1.0))
+    made.young.value *= 1.1
+    with pytest.raises(ValueError, match="they have changed"):
+        found.along(made.young)

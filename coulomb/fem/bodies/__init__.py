@@ -24,7 +24,7 @@ from .displacement_space import DisplacementSpace, free_earlier_bodies
 from .elasticity import Elasticity, LoadedBody, largest_poisson, locking_by_volume
 from .elimination import AddedSprings
 from .equations import Equation, Equations
-from .form_body import BilinearForm, FormValues
+from .form_body import BilinearForm, FormBody, FormValues
 from .free_motions import (
     FreeMotion,
     FreeMotions,

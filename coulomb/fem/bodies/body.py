@@ -113,12 +113,8 @@ class ElasticBody(DisplacementSpace):
         """Work of the stress of u along v in every cell of this rank, joules; u and v (k, 3) in metres, at a change of
         temperature (k,) in kelvin; collective."""
         of, along = (self.function(one, "displacement") for one in (u, v))
-        space = self._per_cell(())
         stress = self._stress(of) if change is None else self._stress(of) - self._thermal_stress(change)
-        form = fem.form(ufl.inner(stress, strain(along)) * ufl.TestFunction(space) * self._dx)
-        vector = fem.petsc.assemble_vector(form)
-        work: FloatArray = vector.array_r[compat.cell_dofs(space)[: self.domain.topology.index_map(3).size_local, 0]]
-        vector.destroy()
+        work = self.integrals_in_cells(ufl.inner(stress, strain(along)), self._dx)
         if self._mean is not None:
             work[self._mean.cells] += self._mean.k * self._mean.of(of.x.array) * self._mean.of(along.x.array)
         return work

@@ -283,6 +283,14 @@ class DisplacementSpace:
             stretch -= ufl.dot(n, ufl.dot(way, n))
         return self._assemble(fem.form(work * stretch * measure))
 
+    def integrals_in_cells(self, integrand: Any, dx: Any) -> FloatArray:
+        """Integrals over this rank's own cells, shape (c,); collective."""
+        space = self._per_cell(())
+        vector = fem.petsc.assemble_vector(fem.form(integrand * ufl.TestFunction(space) * dx))
+        found: FloatArray = vector.array_r[compat.cell_dofs(space)[: self.domain.topology.index_map(3).size_local, 0]]
+        vector.destroy()
+        return found
+
     def largest_gradient(self, u: FloatArray) -> float:
         """Largest Frobenius norm of the gradient of u (k, 3) over all ranks: at the cells' midpoints in first order, in
         second order at their corners, where bending is largest."""

@@ -17,6 +17,7 @@ from .. import compat
 from ..compat import fem, ufl
 from ..geometry import on_all_ranks
 from ..meshes import boundary_facets
+from .coefficients import along_coefficient
 from .compiled_form import compiled, with_own_degrees
 from .constraints import DirichletConditions, diagonal_of, rows_of
 from .deformable import SingleBody
@@ -285,16 +286,35 @@ class FormBody(SingleBody):
 
     def force_along_places(self, loading: Loading, u: FloatArray, v: FloatArray) -> FloatArray:
         """By UFL's derivative along coordinates; u and v are fixed at the nodes, as the coefficients are."""
-        if any(form is not None and not isinstance(form, ufl.Form) for form in self._of_ufl):
-            raise ValueError("derivatives along places need forms of UFL, not compiled ones")
-        if self.outdated(loading):
-            raise ValueError("derivatives along places need the coefficients that the answer has: they have changed")
-        of, along = self.function(u), self.function(v)
-        (a, L), x = self._of_ufl, ufl.SpatialCoordinate(self.domain)
-        works = [-ufl.action(ufl.action(a, of), along), *([] if L is None else [ufl.action(L, along)])]
-        shapes = [ufl.derivative(with_own_degrees(work), x, self._test) for work in works]
-        what = "the derivative along places"
+        x, what = ufl.SpatialCoordinate(self.domain), "the derivative along places"
+        shapes = [ufl.derivative(work, x, self._test) for work in self._works(loading, u, v)]
         return np.sum([compiled(shape, what, self.comm).vector() for shape in shapes], axis=0)
+
+    def force_along(self, coefficient: Any, loading: Loading, u: FloatArray, v: FloatArray) -> FloatArray | None:
+        """Derivatives, along a Constant or Function in the forms, of the work along v of loads and internal forces at
+        displacements u, both (k, 3) (`along_coefficient`); None if it is in none of them; collective.
+
+        Raises:
+            ValueError: On every rank, if the forms are compiled, or other coefficients have changed since.
+        """
+        return along_coefficient(self._works(loading, u, v), coefficient, self._per_cell(()))
+
+    def _works(self, loading: Loading, u: FloatArray, v: FloatArray) -> list[Any]:
+        """The work along v of internal forces at u, and of loads, as forms of UFL without arguments, integrated as
+        those of the body; ValueError on every rank if they are not known; collective."""
+        if any(form is not None and not isinstance(form, ufl.Form) for form in self._of_ufl):
+            raise ValueError("derivatives along places and coefficients need forms of UFL, not compiled ones")
+        if self._changed(loading):
+            raise ValueError("derivatives need the coefficients that the answer has: they have changed")
+        return [with_own_degrees(work) for work in self._works_of(self.function(u), self.function(v))]
+
+    def _works_of(self, u: Any, v: Any) -> list[Any]:
+        a, L = self._of_ufl
+        return [-ufl.action(ufl.action(a, u), v), *([] if L is None else [ufl.action(L, v)])]
+
+    def _changed(self, loading: Loading) -> bool:
+        """Whether the coefficients are others than those of the answer; collective."""
+        return self.outdated(loading)
 
     def outdated(self, loading: Loading) -> bool:
         if self.at_time(loading.time) is not self:

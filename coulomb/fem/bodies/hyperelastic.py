@@ -139,7 +139,8 @@ class HyperelasticBody(NonlinearBody):
             density += volume.tension * known[volume.invariant]
         by_q = [ufl.diff(density, one) for one in known]
         rates = [ufl.derivative(one, u, v) for one in q]
-        inside = sum(a * rate for a, rate in zip(by_q, rates, strict=True)) * dx
+        power = sum(a * rate for a, rate in zip(by_q, rates, strict=True))
+        self._power, self._virtual, self._dx, inside = power, v, dx, power * dx
         tangent = sum(
             ufl.diff(a, other) * rate * ufl.derivative(of, u, w)
             for a, rate in zip(by_q, rates, strict=True)
@@ -361,6 +362,17 @@ class HyperelasticBody(NonlinearBody):
             self._set(self.place.loading.time)
         energy = self._value_of(self._energy, u)
         return energy + sum(volume.energy(self._function.x.array) for volume in self._volumes)
+
+    def work_in_cells(self, u: FloatArray, v: FloatArray, change: FloatArray | None = None) -> FloatArray:
+        """Work of the stress of u along v in every cell of this rank, joules; u and v (k, 3) in metres, with the
+        temperature of the place; collective."""
+        self._set(self.place.loading.time)
+        of, along = self.function(u), self.function(v)
+        for volume in self._volumes:
+            volume.move(of.x.array)
+        return self.integrals_in_cells(
+            ufl.replace(self._power, {self._displacement: of, self._virtual: along}), self._dx
+        )
 
     def cell_fields(self, u: Any, loading: Loading) -> list[Any]:
         """Cauchy stresses at the cells' midpoints, and the constants of the materials."""

@@ -108,7 +108,7 @@ class NonlinearBody(FormBody):
         inside, surface = (integrals_of_kind(tangent, cells) for cells in (True, False))
         self._inside, self._on_facets = inside, None if surface is None else 0.5 * (surface + ufl.adjoint(surface))
         whole = inside if self._on_facets is None else inside + self._on_facets
-        with _at_rest(displacement):
+        with _at(displacement):
             super().__init__(whole, -F, bcs, faces, update=update)
         self._du, self._askew = fem.Function(self.V), None  # of an energy it is 0
         if surface is not None and energy is None:
@@ -236,19 +236,19 @@ class NonlinearBody(FormBody):
     def _values(self) -> FormValues:
         if self._made.values is not None:
             return super()._values
-        with _at_rest(self._displacement):
+        with _at(self._displacement):
             return super()._values
 
     def at_time(self, time: float) -> NonlinearBody:
         if self._place is not None:
             return self
-        with _at_rest(self._displacement):
+        with _at(self._displacement):
             return cast(NonlinearBody, super().at_time(time))
 
     def at(self, time: float) -> Loading:
         if self._place is not None:
             return self._under_springs(self._place.loading)
-        with _at_rest(self._displacement):
+        with _at(self._displacement):
             return super().at(time)
 
     def internal_force(self, u: FloatArray) -> FloatArray:
@@ -271,6 +271,14 @@ class NonlinearBody(FormBody):
     @property
     def ground(self) -> FloatArray | None:
         return None  # nodal forces of rigid motions are those of the stress, too
+
+    def _works_of(self, u: Any, v: Any) -> list[Any]:
+        return [ufl.replace(ufl.action(self._of_ufl[1], v), {self._displacement: self.function(self.place.u)})]
+
+    def _changed(self, loading: Loading) -> bool:
+        self._set(loading.time)
+        with _at(self._displacement, self.function(self.place.u).x.array):
+            return not self._same(self.place.values, self._a.values)
 
     def outdated(self, loading: Loading) -> bool:
         return self._place is None and super().outdated(loading)
@@ -365,10 +373,10 @@ class NonlinearBody(FormBody):
 
 
 @contextmanager
-def _at_rest(u: Any) -> Iterator[None]:
-    """With a function at 0, about which small motions are, in place of its present values."""
+def _at(u: Any, values: FloatArray | float = 0.0) -> Iterator[None]:
+    """With a function at these values, by default at 0, about which small motions are, in place of its present ones."""
     present = np.array(u.x.array)
-    u.x.array[:] = 0.0
+    u.x.array[:] = values
     try:
         yield
     finally:
