@@ -108,11 +108,12 @@ class Gradient:
 
         What is given stays at nodes and cells, also where it is a function of place: loads per area and volume, total
         forces, prescribed displacements and their directions, friction, gaps and materials.  Foundations stay in space.
-        So over a field of velocities of nodes its sum is the derivative that `between` gives along a shape.
+        So over a field of velocities of nodes its sum is the derivative that `between` gives along a shape.  Where
+        plane facets of a pair do not match it is the mean of the derivatives on both sides, with a warning.
 
         Raises:
             ValueError: On every rank, with ties, rigid faces, bolts, slices, point loads, or forms that are compiled;
-                if contact points come or go as nodes move.
+                if contact points come or go as nodes move, as where faces are flat on each other and covered in part.
         """
         return self.lagrangian.along_places()
 
