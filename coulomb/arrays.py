@@ -94,3 +94,9 @@ def unit_vectors(vectors: FloatArray) -> FloatArray:
 def in_words(place: Iterable[float]) -> str:
     """Coordinates for a message: "0.5, 0, 1.25"."""
     return ", ".join(f"{value:.6g}" for value in place)
+
+
+def rows_of(known: IntArray, some: IntArray) -> IntArray:
+    """Where some numbers (k,) are among known ones (m,), each of which is once; shape (k,)."""
+    order = np.argsort(known)
+    return order[np.searchsorted(known, some, sorter=order)]

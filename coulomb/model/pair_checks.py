@@ -122,6 +122,13 @@ class PairReference:
         found[:, self._few], unsure[:, self._few] = self._closer.averages(*at_facets)
         return found, unsure
 
+    def depths(self, u: tuple[FloatArray, FloatArray]) -> FloatArray:
+        """`PairSamples.depths` by the displacements of both bodies; collective."""
+        at_facets = [gathered(*of) for of in zip(self._spaces, self._nodes, u, strict=True)]
+        found = self._samples.depths(*at_facets)
+        found[self._few] = self._closer.depths(*at_facets)
+        return found
+
     def weights(self, fields: tuple[FloatArray, FloatArray], averages: FloatArray) -> FloatArray:
         """By how much claimed averages (2, m, 6) of the `probing_fields` of both bodies are off, shape (m,), where they
         are, with more points (`_CLOSER`) from now on; collective."""
@@ -214,6 +221,11 @@ class JudgedPair:
         """`closest_points.off_linear` of this rank's slave `nodes` (m,) among those of all bodies, with displacements u
         (k, 3), along unit normals n (m, 3), metres, shape (m,); collective."""
         return self._reference.off_linear(nodes - self._nodes[0].start, n, *self._sides(u))
+
+    def depths(self, u: FloatArray, gap: FloatArray) -> FloatArray:
+        """Depth of the faces in each other between contact points with gaps (m,), metres, shape (m,), as
+        `PairSamples.depths`; with displacements u (k, 3) of the nodes of all bodies; collective."""
+        return self._reference.depths(self._sides(u)) - gap
 
     def findings(self, frames: FloatArray, gap: FloatArray, rows: FloatArray, u: FloatArray) -> PairFindings:
         """What is off with frames (m, 3, 3), gaps (m,) without given ones, and displacements `rows` (m, 3) in the

@@ -116,8 +116,8 @@ class SmallStrain:
             deformable face, over the size of the cells there: square root of the nodal area, of slices the width along
             the section.
         gradient: Largest norm of the displacement gradient in a cell: strain and rotation.
-        between: Largest depth of a face inside its foundation, between contact points, less what the chord of its
-            facets explains, over the same mean displacement.
+        between: Largest depth of a face inside its foundation or the face opposite, between contact points, less what
+            the chord of its facets explains, over the same mean displacement.
         chord: How far gaps are from linear between contact points of which one presses, the chord h^2/(8 R) of facets,
             over the mean approach of the bodies of their contact: work of the forces that deform these, over the sum of
             the normal forces on them.  Where both sides have the same curvature there is no such chord.
@@ -196,7 +196,7 @@ class SmallStrain:
                 self.between,
                 BETWEEN,
                 f"between the contact points the face is up to {self.between:.0%} of the deformation inside the "
-                "foundation: the facets are too large for it (on the contact face at least "
+                "foundation, or the face opposite: the facets are too large for it (on the contact face at least "
                 f"{_finer(self.between, BETWEEN)} times smaller ones, since the depth goes with "
                 "the square of their size)",
             ),
@@ -280,7 +280,7 @@ def small_strain(
     between: Sequence[FaceSamples] = (),
     inside: Overlap | None = None,
     large: bool = False,
-    off: FloatArray | None = None,
+    of_pairs: tuple[FloatArray, FloatArray] | None = None,
 ) -> SmallStrain:
     """Measure an answer; collective.
 
@@ -294,7 +294,8 @@ def small_strain(
         inside: The largest overlap of surfaces.
         large: Whether places are those after a large motion: nodes on a foundation may have got there, and do not tell
             that their facets stand for a face of its curvature.
-        off: By how much distances from faces opposite change otherwise than linear ones, metres, shape (m,).
+        of_pairs: By how much distances from faces opposite change otherwise than linear ones, and how deep these are
+            inside each other between contact points, metres, shape (m,) each.
     """
     over = Reductions(at_nodes.comm)
     pressing = at_nodes.force[:, 0] > _PRESSING * scales.force[at_nodes.part]
@@ -318,7 +319,12 @@ def small_strain(
     except ValueError:  # no distance or normal there: far outside
         distance, turn = np.full((2, len(before)), math.nan)
     apart: FloatArray = np.zeros(len(pressing))
-    if off is not None:
+    depths = _deepest(at_nodes, foundations, between, large)
+    if of_pairs is not None:
+        off, depth = of_pairs
+        depth = np.where(depth <= NOISE * over.max(np.abs(at_nodes.x)), 0.0, depth)
+        for number in range(len(foundations)):
+            depths[number] = max(depths[number], largest(depth[at_nodes.part == number], over))
         off = np.where(np.abs(off) < rounding, 0.0, off)
         apart = np.where(pressing, np.abs(off), -np.minimum(at_nodes.gap - at_nodes.displacement[:, 0] + off, 0.0))
         apart[apart < rounding] = 0.0
@@ -327,7 +333,7 @@ def small_strain(
     gap_error = largest(off_by, over)
     where = place_of_largest(off_by, at_nodes.x, at_nodes.part, at_nodes.faces, over)
     chord, rounded = (_relative(one, scales.approach) for one in _chords(at_nodes, pressing, foundations, between))
-    deepest = _relative(_deepest(at_nodes, foundations, between, large), scales.deformation)
+    deepest = _relative(depths, scales.deformation)
     pairs = np.isin(part, [number for number, foundation in enumerate(foundations) if foundation is None])
     # Normals are those at the undeformed node, of the foundation at its current place; and a node keeps what it is
     # opposite to on a deformable face.

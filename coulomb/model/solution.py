@@ -280,12 +280,13 @@ class Solution:
             problem.surface, given, problem.state.foundation_motions, self.displacement, deformation, large
         )
         gradient = 0.0 if large else body.largest_gradient(self.displacement)
-        off = None if large else problem.body.off_linear(problem.surface, self.displacement)
+        gap = self.at_nodes.gap
+        of_pairs = None if large else problem.body.off_linear(problem.surface, self.displacement, gap)
         foundations = problem.surface.foundations
         at, layer = self.at_nodes, body.slice
         cells = np.sqrt(at.area) if layer is None else layer.cell_sizes(at.x, at.area, members[0][0].body.degree)
         scales = face_scales(e, over)
-        measured = small_strain(at, cells, foundations, scales, gradient, faces, inside, large, off)
+        measured = small_strain(at, cells, foundations, scales, gradient, faces, inside, large, of_pairs)
         found = self.stability
         return measured if found is None else replace(measured, unstable=found.unstable, by_friction=found.by_friction)
 

@@ -178,3 +178,44 @@ def test_a_given_gap_of_a_slope(cell, degree):
     assert answer.valid and answer.small_strain.between < 1e-6
     u = answer.displacement - exact(answer.problem.elasticity.x.T).T
     assert np.abs(u).max() < 1e-9 * offset
+
+
+def domed(left, right, apex, bend, cells, degree):
+    """A block above z = 0.5 from one x to another, whose lower side is bend (x - apex)^2 above that."""
+
+    def place(x):
+        at = left + (right - left) * x[0]
+        return np.stack([at, x[1], 0.5 + x[2] + bend * (1.0 - x[2] / 0.3) * (at - apex) ** 2])
+
+    return coulomb.box((1.0, 0.2, 0.3), (cells, 1, 1), place=place, degree=degree)
+
+
+@pytest.mark.parametrize(("cells", "gap"), [(5, "no contact"), (40, "contact")])
+def test_a_body_between_the_nodes_of_a_pair(cells, gap):
+    """A ridge of second order, 0.1 mm deep in the other body at its apex, has its nodes 0.125 mm above it; its contact
+    is 40 mm wide."""
+    bodies = coulomb.join(upper=domed(0.0, 1.0, 0.55, 0.05, cells, 2), lower=coulomb.box((1.0, 0.2, 0.5), (4, 1, 2)))
+    held = [Clamp("lower:bottom"), coulomb.PrescribedDisplacement("upper:top", (0.0, 0.0, -1e-4))]
+    pair = Contact("upper:bottom", 0.2, against="lower:top", slave=True)
+    solution = ContactProblem(bodies, Material(2.1e11, 0.3), held, pair).solve()
+    assert solution.certificate.passed
+    if gap == "no contact":
+        assert solution.forces["normal_force"] == 0.0 and not solution.valid
+        assert "or the face opposite" in " ".join(solution.outside)
+    else:
+        assert solution.forces["normal_force"] > 0.0 and solution.small_strain.between < 0.25
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_a_node_far_beyond_the_end_of_a_curved_master_does_not_press_unnoticed(degree):
+    """Slave facets of half a metre before a ridge from 0.6 to 0.9: of first order, the averages of the node at 0.5
+    continue the distance from where it is known, and it presses, a place where the other body is not."""
+    bodies = coulomb.join(
+        upper=domed(0.6, 0.9, 0.7, 2.0, 4, degree), lower=coulomb.box((1.0, 0.2, 0.5), (2, 1, 2), degree=degree)
+    )
+    held = [Clamp("lower:bottom"), coulomb.PrescribedDisplacement("upper:top", (0.0, 0.0, -1e-4))]
+    pair = Contact("lower:top", 0.2, against="upper:bottom", slave=True)
+    solution = ContactProblem(bodies, Material(2.1e11, 0.3), held, pair).solve()
+    assert solution.certificate.passed and not solution.valid
+    if degree == 1:
+        assert solution.forces["centre_of_pressure"][0] < 0.6 and solution.small_strain.chord > 1.0

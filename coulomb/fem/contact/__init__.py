@@ -5,7 +5,7 @@ deformable faces by dual mortar elements (`pair_of`), and the sparse matrix B fr
 from ..bodies import at_nodes_of, rows_of
 from .auto_pairs import FoundPair, FoundPairs, auto_pairs
 from .body_boundary import Face, Part
-from .closest_points import facets_of, gathered, hits, off_linear
+from .closest_points import facets_of, gathered, hits, off_linear, opposite_nodes
 from .contact_points import (
     ContactPoints,
     KeptMatrix,
@@ -40,7 +40,7 @@ from .pair import (
     slave_side,
     within,
 )
-from .pair_evidence import Claims, Deviations, PairSamples, Surfaces, opposite_nodes
+from .pair_evidence import Claims, Deviations, PairSamples, Surfaces
 from .sections import Pretension
 from .slip import FaceMotion, foot_points
 from .surface import (

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
-from ...arrays import FloatArray, IntArray, unit_vectors
+from ...arrays import FloatArray, IntArray, rows_of, unit_vectors
 from .. import compat
 from ..bodies import DisplacementSpace
 from ..meshes import fetched, starts_of
@@ -450,3 +450,48 @@ _ALONG_EDGE: Final = 9
 
 _CROSSED: Final = 1e-6
 """How far inside a reference facet such a point must be."""
+
+
+_SMALLER: Final = 2.0
+_FINEST: Final = 32
+"""Facets of a slave over those of its master above which it has more points, and how many times as many at most."""
+
+_OPPOSITE: Final = 0.4
+"""Share of its part of the face before the master from which a node must be a contact point: twice that from which it
+is one."""
+
+
+def finer(slave: Facets, master: Facets) -> int:
+    """How many times as many points along an edge see all facets of a master that are much smaller."""
+    if not len(slave) or not len(master):
+        return 1
+    return int(np.clip(np.ceil(np.median(slave.radius) / (_SMALLER * np.median(master.radius))), 1, _FINEST))
+
+
+def opposite_nodes(slave: Facets, master: Facets, node: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Those of some slave nodes (k,) that are before the master and must be contact points, rows of them, (m,), with
+    places and unit normals (m, 3); not collective."""
+    columns = np.arange(3 if slave.nodes.shape[1] == 6 else slave.nodes.shape[1])
+    facet = np.flatnonzero(np.any(np.isin(slave.nodes[:, columns], node), axis=1))
+    at, weights, piece = facet_rule(slave.corners, slave.degree, finer(slave, master))
+    x, sign = slave.x[facet], slave.sign[facet]
+    _, along_r, along_s = facet_functions(slave.corners, slave.degree, at)
+    vectors = sign[:, None, None] * np.cross(along_r @ x, along_s @ x)
+    there = opposite(slave, master, facet, at, piece)[1].facet.reshape(len(facet), len(at)) >= 0
+    hats = facet_functions(slave.corners, 1 if len(columns) == 3 else slave.degree, at)[0]
+    sizes = np.linalg.norm(vectors, axis=2) * weights
+    sums = np.concatenate(
+        [
+            np.stack([sizes * there @ hats, sizes @ hats], axis=2),
+            np.einsum("fqi,q,qk->fki", vectors, weights, hats),
+            x[:, columns],
+        ],
+        axis=2,
+    )  # (f, columns, 8)
+    nodes, found = slave.nodes[facet][:, columns], np.zeros((len(node), 8))
+    f, k = np.nonzero(np.isin(nodes, node))
+    row = rows_of(node, nodes[f, k])
+    np.add.at(found, row, sums[f, k])
+    found[row, 5:] = sums[f, k, 5:]
+    chosen = np.flatnonzero(found[:, 0] > _OPPOSITE * found[:, 1])
+    return chosen, found[chosen, 5:], unit_vectors(found[chosen, 2:5])

@@ -345,7 +345,7 @@ def _rows(
     overlap = np.zeros(len(node))
     np.minimum.at(overlap, row, parts.least[facet])
     chord = np.zeros(len(node))
-    np.maximum.at(chord, row, parts.chord[facet])
+    np.maximum.at(chord, row, np.maximum(parts.chord, parts.bend(slave.kind.vertex_functions))[facet])
     mine = np.flatnonzero(weak[owned[0] : owned[1]]) + owned[0]
     first = slave.nodes[:, 0]
     counted = (first >= owned[0]) & (first < owned[1])  # every facet on one rank

@@ -31,6 +31,10 @@ distorted facets are no polynomials.  Measured with random quadrilaterals: error
 uniform pressure up to a distortion of 0.3, of 5e-9 at 0.54; without, 1e-4 and 1e-3."""
 
 
+_LEAST_BENT: Final = 0.05
+"""Covered share of a facet below which its averages do not continue the distance (`mortar.LEAST_DUAL`)."""
+
+
 @dataclass(frozen=True)
 class Segments:
     """Integrals over the common parts; f slave facets with n functions N.
@@ -40,6 +44,7 @@ class Segments:
         normal: Integrals of N_i times the outward normal, shape (f, n, 3).
         coupling: Integrals of N_i times the master's function of every node, shape (f n, master nodes of all ranks).
         separation: Integrals of N_i times the way from the slave to the master along the projection, shape (f, n, 3).
+        square: Integral of the square of this way, shape (f,).
         at_corners: This way at the corners of each facet, 0 where no part reaches the corner, shape (f, corners, 3).
         reached: Whether a part reaches the corner, shape (f, corners).
         least: Smallest distance along the projection at the points of the rule and the corners of its triangles,
@@ -52,6 +57,7 @@ class Segments:
     normal: FloatArray
     coupling: scipy.sparse.csr_matrix
     separation: FloatArray
+    square: FloatArray
     at_corners: FloatArray
     reached: npt.NDArray[np.bool_]
     least: FloatArray
@@ -69,6 +75,18 @@ class Segments:
         mean = self.separation.sum(axis=1) / np.maximum(area, 1e-300)[:, None]
         off: FloatArray = 1.5 * np.linalg.norm(mean - self.at_corners.mean(axis=1), axis=1)
         return np.where(np.all(self.reached, axis=1) & (self.share > 0.999), off, 0.0)
+
+    def bend(self, linear: FloatArray) -> FloatArray:
+        """The same of partly covered facets, 0 of others, by functions (c, n) that are linear: what is left of the
+        distance without its linear part in the mean, of s (h - s)/(2 R) 3.35 times less than h^2/(8 R), for all of the
+        facet, to which averages continue it; metres, shape (f,)."""
+        found, area = np.zeros(len(self.share)), self.mass.sum(axis=(1, 2))
+        part = np.flatnonzero((self.share > _LEAST_BENT) & ~(np.all(self.reached, axis=1) & (self.share > 0.999)))
+        inverse = np.linalg.pinv(linear @ self.mass[part] @ linear.T, 1e-10, hermitian=True)
+        ways = linear @ self.separation[part]
+        rest = self.square[part] - np.einsum("fik,fij,fjk->f", ways, inverse, ways)
+        found[part] = 3.35 * np.sqrt(np.maximum(rest, 0.0) / area[part]) / self.share[part] ** 2
+        return found
 
 
 def segments(slave: FacetPatch, master: FacetPatch, depth: float, reach: float, most: Most | None = None) -> Segments:
@@ -96,7 +114,7 @@ class _Integrals:
     def over(self, parts: Parts, share: FloatArray, doubled: npt.NDArray[np.bool_]) -> Segments:
         """Sums over all parts; the other arguments as of `Segments`."""
         facets, n, m = len(self._slave), self._slave.kind.width, self._master.kind.width
-        mass, vectors, least = np.zeros((facets, n, n)), np.zeros((facets, n, 6)), np.full(facets, np.inf)
+        mass, vectors, least = np.zeros((facets, n, n)), np.zeros((facets, n, 7)), np.full(facets, np.inf)
         corners = np.zeros((facets, self._slave.kind.corners, 4))
         rows, columns, entries = [], [], []
         for at, straight, rule in self._chunks(parts):
@@ -123,8 +141,9 @@ class _Integrals:
             coupling = scipy.sparse.csr_matrix(triplets, shape=coupling.shape)
         number = corners[:, :, 3]
         at_corners = corners[:, :, :3] / np.maximum(number, 1.0)[:, :, None]
-        normal, separation, reached = vectors[:, :, :3], vectors[:, :, 3:], number > 0.0
-        return Segments(mass, normal, coupling, separation, at_corners, reached, least, share, doubled)
+        normal, separation, reached = vectors[:, :, :3], vectors[:, :, 3:6], number > 0.0
+        square = vectors[:, :, 6].sum(axis=1)
+        return Segments(mass, normal, coupling, separation, square, at_corners, reached, least, share, doubled)
 
     def _add_corners(self, corners: FloatArray, one: IntArray, triangle: FloatArray, distance: FloatArray) -> None:
         """Add to sums (f, corners, 4) the ways to the master, by the distances (t, 3) in the corners of triangles (t,
@@ -156,7 +175,8 @@ class _Integrals:
         self, one: IntArray, other: IntArray, triangle: FloatArray, straight: bool, rule: tuple[FloatArray, FloatArray]
     ) -> tuple[FloatArray, FloatArray]:
         """Integrals over triangles (t, 3, 2) in slave cells and before master cells of each slave function times all
-        slave functions, all master functions, the outward normal and the way to the master, shape (t, n, n + m + 6);
+        slave functions, all master functions, the outward normal, the way to the master and its square, shape (t, n,
+        n + m + 7);
         and the distances of the master at the points of the rule, shape (t, q)."""
         cells, others = self._cells, self._others
         edges = triangle[:, 1:] - triangle[:, :1]
@@ -175,7 +195,7 @@ class _Integrals:
         normal = np.broadcast_to((normal / length[:, :, None]) @ cells.frames[one], (*p.shape[:2], 3))
         way = distance * cells.frames[one, 2][:, None]
         product: FloatArray = np.swapaxes(values * area[:, :, None], 1, 2) @ np.concatenate(
-            [values, theirs, normal, way], axis=2
+            [values, theirs, normal, way, distance**2], axis=2
         )
         return product, distance[:, :, 0]
 

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
-from ...arrays import FloatArray, IntArray, unit_vectors
+from ...arrays import FloatArray, IntArray, rows_of, unit_vectors
 from ...nearest import tree_of
 from ..geometry import RigidFoundation
 from .closest_points import (
@@ -31,6 +31,7 @@ from .closest_points import (
     crossed,
     facet_functions,
     facet_rule,
+    finer,
     opposite,
     reference_nodes,
 )
@@ -72,20 +73,11 @@ _ROUND: Final = 0.01
 _PART: Final = 0.05
 """Error of the mean distance of a facet to the master over the largest distance of it from linear."""
 
-_OPPOSITE: Final = 0.4
-"""Share of its part of the face before the master from which a node must be a contact point: twice that from which it
-is one."""
-
 _SINGULAR: Final = 1e-4
 """Ratio of the eigenvalues of a mass matrix below which the points before the master are too few for dual functions."""
 
 _LINEAR: Final = 10.0
 """Times that the error of an average is larger where these are not used."""
-
-
-_SMALLER: Final = 2.0
-_FINEST: Final = 32
-"""Facets of a slave over those of its master above which it has more points, and how many times as many at most."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +164,7 @@ class PairSamples:
         bare = ~np.any(np.isin(slave.nodes[:, columns], standing), axis=1)
         chosen, self._around = _around(slave.nodes, columns, node, bare)
         self._chosen, self._bare = chosen, bare[chosen]
-        points, weights, piece = facet_rule(slave.corners, slave.degree, times * _finer(slave, master))
+        points, weights, piece = facet_rule(slave.corners, slave.degree, times * finer(slave, master))
         corners = reference_nodes(slave.corners, 1)  # are points as well, without weight
         at = np.concatenate([points, corners])
         piece = np.concatenate([piece, np.arange(len(corners))])  # the corner k is on the piece k
@@ -233,7 +225,7 @@ class PairSamples:
         given = np.where(gone[:, :, None], own, 0.0).sum(axis=1, keepdims=True)
         weight = np.where(gone[:, :, None], 0.0, own + kept[:, :, None] * given)
         self._facet, column = np.nonzero(np.isin(nodes, node) & ~gone)
-        self._point, self._weight = _rows(node, nodes[self._facet, column]), weight[self._facet, column]
+        self._point, self._weight = rows_of(node, nodes[self._facet, column]), weight[self._facet, column]
         self._count = len(node)
         self.area = self._sums(self._weight.sum(axis=1))
         f, p = self._around
@@ -274,10 +266,10 @@ class PairSamples:
         np.add.at(found, self._point, values)
         return found
 
-    def _most(self, values: FloatArray) -> FloatArray:
-        """The largest of values of facets (f, d) around each point, shape (m, d)."""
+    def _most(self, values: FloatArray, least: float = 0.0) -> FloatArray:
+        """The largest of values of facets (f, d) around each point, and of the least, shape (m, d)."""
         f, p = self._around
-        found = np.zeros((self._count, values.shape[1]))
+        found = np.full((self._count, values.shape[1]), least)
         np.maximum.at(found, p, values[f])
         return found
 
@@ -397,6 +389,12 @@ class PairSamples:
     def averages(self, own: FloatArray, opposite: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The averages on the slave and on the master of nodal values at the facets of each (f, n, d), and how far they
         may be off, shapes (2, m, d)."""
+        both = self._at_points(own, opposite)
+        unsure = self._unsure(both[0]), self._unsure(both[1], opposite[self._missing[1]])
+        return np.stack([self._means(of) for of in both]), np.stack(unsure)
+
+    def _at_points(self, own: FloatArray, opposite: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Nodal values at the facets of both faces (f, n, d) at the points, and at what is opposite, (f, q, d) each."""
         here = np.einsum("qn,fnd->fqd", self._at_all, own[self._chosen])
         shape = self._there.shape
         facet, place = self._hits.facet.reshape(shape), self._hits.place.reshape(*shape, 2)
@@ -404,9 +402,20 @@ class PairSamples:
         met = facet >= 0
         values = facet_functions(self._master.corners, self._master.degree, place[met])[0]
         there[met] = np.einsum("qn,qnd->qd", values, opposite[facet[met]])
-        both = here, there
-        unsure = self._unsure(here), self._unsure(there, opposite[self._missing[1]])
-        return np.stack([self._means(of) for of in both]), np.stack(unsure)
+        return here, there
+
+    def depths(self, own: FloatArray, opposite: FloatArray) -> FloatArray:
+        """How much nearer than on average before it both faces are, at the nearest of the points around each, with
+        displacements at the facets of each (f, n, 3) and beyond the chords of the facets, metres, shape (m,); negative
+        where they are apart."""
+        here, there = self._at_points(own, opposite)
+        met = self._hits.facet.reshape(self._there.shape)
+        chords = (self._slave.kink * self._slave.radius)[self._chosen, None] + np.where(
+            met >= 0, (self._master.kink * self._master.radius)[met], 0.0
+        )
+        nearer = np.einsum("fqi,fqi->fq", here - there, self._along) - self._way - chords
+        nearer = np.where(self._there, nearer, -np.inf).max(axis=1, initial=-np.inf)
+        return (self._most(nearer[:, None], -np.inf) + self._means(self._way[:, :, None]))[:, 0]
 
     # --- what the facets stand for ------------------------------------------------------------------------------------
 
@@ -431,55 +440,13 @@ class PairSamples:
                 self._beyond += most
 
 
-def _finer(slave: Facets, master: Facets) -> int:
-    """How many times as many points along an edge see all facets of a master that are much smaller."""
-    if not len(slave) or not len(master):
-        return 1
-    return int(np.clip(np.ceil(np.median(slave.radius) / (_SMALLER * np.median(master.radius))), 1, _FINEST))
-
-
-def opposite_nodes(slave: Facets, master: Facets, node: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Those of some slave nodes (k,) that are before the master and must be contact points, rows of them, (m,), with
-    places and unit normals (m, 3); not collective."""
-    columns = np.arange(3 if slave.nodes.shape[1] == 6 else slave.nodes.shape[1])
-    facet = np.flatnonzero(np.any(np.isin(slave.nodes[:, columns], node), axis=1))
-    at, weights, piece = facet_rule(slave.corners, slave.degree, _finer(slave, master))
-    x, sign = slave.x[facet], slave.sign[facet]
-    _, along_r, along_s = facet_functions(slave.corners, slave.degree, at)
-    vectors = sign[:, None, None] * np.cross(along_r @ x, along_s @ x)
-    there = opposite(slave, master, facet, at, piece)[1].facet.reshape(len(facet), len(at)) >= 0
-    hats = facet_functions(slave.corners, 1 if len(columns) == 3 else slave.degree, at)[0]
-    sizes = np.linalg.norm(vectors, axis=2) * weights
-    sums = np.concatenate(
-        [
-            np.stack([sizes * there @ hats, sizes @ hats], axis=2),
-            np.einsum("fqi,q,qk->fki", vectors, weights, hats),
-            x[:, columns],
-        ],
-        axis=2,
-    )  # (f, columns, 8)
-    nodes, found = slave.nodes[facet][:, columns], np.zeros((len(node), 8))
-    f, k = np.nonzero(np.isin(nodes, node))
-    row = _rows(node, nodes[f, k])
-    np.add.at(found, row, sums[f, k])
-    found[row, 5:] = sums[f, k, 5:]
-    chosen = np.flatnonzero(found[:, 0] > _OPPOSITE * found[:, 1])
-    return chosen, found[chosen, 5:], unit_vectors(found[chosen, 2:5])
-
-
-def _rows(node: IntArray, some: IntArray) -> IntArray:
-    """Where some of these nodes (m,) are among them."""
-    order = np.argsort(node)
-    return order[np.searchsorted(node, some, sorter=order)]
-
-
 def _around(
     nodes: IntArray, columns: IntArray, node: IntArray, bare: npt.NDArray[np.bool_]
 ) -> tuple[IntArray, tuple[IntArray, IntArray]]:
     """The facets on which the functions of contact points depend, ascending: those around their nodes, and facets
     without any contact point beside these; and the pairs of such a facet, by its number among them, and a point."""
     f, j = np.nonzero(np.isin(nodes[:, columns], node))
-    p = _rows(node, nodes[:, columns][f, j])
+    p = rows_of(node, nodes[:, columns][f, j])
     if np.any(bare) and len(f):
         count = int(nodes.max()) + 1
         rows = np.repeat(np.arange(len(nodes)), nodes.shape[1])
