@@ -30,6 +30,8 @@ def same_to_the_tolerance(one, other):
 
 
 def _vector(name):
-    if name.startswith("energy_"):  # one may be a small difference of the others
-        return "energy"
+    """What its error is a part of: of all energies, forces or moments, of which one may be a difference of others."""
+    for kind in ("energy", "force", "moment"):
+        if kind in name.split("_"):
+            return kind
     return name.removesuffix("_x").removesuffix("_y").removesuffix("_z")

@@ -1,41 +1,20 @@
 """Large motions from meshes and case files: materials, loads, run directory, resumed runs, `coulomb check`."""
 
-import csv
-import shutil
-
-import h5py
 import numpy as np
 import pytest
-from case_texts import body
 from conftest import run_coulomb
-from rubber_blocks import DRAWN, LAME, MOVED, MU, side, stress
+from rubber_blocks import DRAWN, LAME, MU, side, stress
 from scipy.optimize import brentq
 
 import coulomb
 from coulomb import Contact, ContactProblem, LoadHistory, PrescribedDisplacement, SymmetryPlane
 from coulomb.case.case import read_case
 from coulomb.kinematics import MooneyRivlin, NeoHookean, Ogden, StVenantKirchhoff
-from coulomb.recheck import check
 
 UP = [(0.0, 0.0), (1.0, 1.0)]
 RUBBER = NeoHookean(1e6, 0.3)
 SMOOTH = Contact("bottom", friction=0.0)
 ROLLERS = [SymmetryPlane("left"), SymmetryPlane("front")]
-
-
-TWO = body("lower", (1.6, 1.0, 0.5), (2, 1, 1), young=3e6, law='"neo-hookean"')
-TWO += body("upper", (0.8, 0.8, 0.5), (2, 1, 1), (0.1, 0.1, 0.5), 1e6)
-TWO += MOVED.replace("TOP", "upper:top").replace("DOWN", "-0.05").replace("ALONG", "0.3")
-TWO += """\
-[[clamp]]
-face = "lower:bottom"
-[contact]
-face = "upper:bottom"
-against = "lower:top"
-friction = 0.2
-[history]
-times = [1.0, 2.0]
-"""
 
 
 def block(material, supports, loads=(), cells=(1, 1, 1), contact=SMOOTH, **others):
@@ -201,68 +180,6 @@ def test_energies_add_up_to_almost_second_order_in_the_step(tmp_path):
         assert np.all(np.diff([0.0, *(one.dissipated for one in states)]) >= -1e-6 * states[-1].dissipated)
         left.append(states[-1].imbalance / states[-1].dissipated)
     assert abs(left[0]) < 0.02 and 0.0 < left[1] / left[0] < 0.4
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    """A directory with the case, and the whole run in results."""
-    folder = tmp_path_factory.mktemp("large")
-    (folder / "case.toml").write_text(DRAWN)
-    done = run_coulomb("run", "case.toml", cwd=folder)
-    assert "linear problems" in done.stdout and "all 4 load steps certified" in done.stdout
-    return folder
-
-
-def rows(folder):
-    with (folder / "history.csv").open() as file:
-        return list(csv.DictReader(file))
-
-
-def test_a_run_that_is_cut_short_resumes_with_the_same_numbers(run, tmp_path):
-    shutil.copytree(run / "results", tmp_path / "results")
-    for number in (3, 4):
-        shutil.rmtree(tmp_path / "results" / "steps" / f"000{number}")
-    run_coulomb("resume", tmp_path / "results")
-    for here, there in zip(rows(run / "results"), rows(tmp_path / "results"), strict=True):
-        for name, value in there.items():
-            if name.startswith(("force", "normal_force", "energy", "prescribed")):
-                assert float(here[name]) == pytest.approx(float(value), rel=1e-7, abs=1e-3)
-
-
-def test_check_finds_what_was_changed(run, tmp_path):
-    found = check(run / "results")
-    assert found.passed and [step.passed for step in found.steps] == [True] * 4
-    changes = (
-        ("contact", "slip", "slip"),
-        ("solution", "von_mises_stress", "von_mises_stress"),
-        ("contact", "contact_force", "equilibrium"),
-        ("solution", "displacement", "equilibrium"),
-    )
-    folder = shutil.copytree(run / "results", tmp_path / "results")
-    for step, (file, field, _) in enumerate(changes, start=1):
-        with h5py.File(folder / "steps" / f"000{step}" / f"{file}.h5", "r+") as data:
-            group = data["Function"][field]
-            values = group[next(iter(group))]
-            changed = values[()]
-            largest = np.unravel_index(np.argmax(np.abs(changed)), changed.shape)
-            changed[largest] *= 1.0 + 1e-4
-            values[...] = changed
-    for step, (*_, fault) in zip(check(folder).steps, changes, strict=True):
-        assert not step.passed and fault in step.details
-
-
-def test_two_bodies_from_a_case_are_checked_and_resumed(tmp_path):
-    (tmp_path / "case.toml").write_text(TWO)
-    run_coulomb("run", "case.toml", cwd=tmp_path)
-    before = rows(tmp_path / "results")
-    shutil.rmtree(tmp_path / "results" / "steps" / "0002")
-    run_coulomb("resume", tmp_path / "results")
-    after = rows(tmp_path / "results")
-    for name in ("upper_bottom_force_x", "upper_bottom_normal_force"):
-        if name in before[1]:
-            assert float(after[1][name]) == pytest.approx(float(before[1][name]), rel=1e-7)
-    assert float(after[1]["energy_dissipated"]) == pytest.approx(float(before[1]["energy_dissipated"]), rel=1e-6)
-    assert check(tmp_path / "results").passed
 
 
 def test_a_body_of_an_energy_and_problem_and_history_by_their_usual_names():

@@ -1,19 +1,17 @@
 """Bolts in large motions: formulas, small strains, and everything turned by a finite rotation."""
 
 import json
-import shutil
 
 import numpy as np
 import pytest
-from case_texts import body
-from conftest import run_coulomb
+from check_runs import made
+from history_runs import TURNED_BOLT
 from rubber_blocks import bolted_bar
 from scipy.optimize import brentq
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Plane, Pretension
 from coulomb.kinematics import StVenantKirchhoff
-from coulomb.recheck import check
 
 YOUNG, WIDE, LONG = 2e11, 0.01, 0.1
 BOTTOM, TOP = ((WIDE, WIDE, 0.04), (2, 2, 2)), ((WIDE, WIDE, 0.06), (2, 3, 2))
@@ -105,41 +103,12 @@ def test_a_strut_that_closes_a_gap():
     assert solution.at_nodes.totals()["normal_force"] == pytest.approx(1e5, rel=1e-9)
 
 
-CASE = """\
-clamp = [{ face = "low:bottom" }]
-contact = { face = "up:top", friction = 0.3 }
-solver = { kinematics = "large" }
-history = { times = [1.0, 2.0] }
-output = { picture = false }
-[[prescribed_displacement]]
-face = "up:top"
-value = [0.01, 0.0, 0.0]
-components = "xy"
-amplitude = [[1.0, 0.0], [2.0, 1.0]]
-[[pretension]]
-face = "up:bottom"
-against = "low:top"
-force = -2e8
-amplitude = [[0.0, 0.0], [1.0, 1.0]]
-lock = 1.0
-"""
-CASE += body("low", (0.1, 0.1, 0.4), (1, 1, 2), law='"st-venant-kirchhoff"')
-CASE += body("up", (0.1, 0.1, 0.3), (2, 1, 1), (0.0, 0.0, 0.4), law='"st-venant-kirchhoff"')
-"""A strut under a ceiling, locked, whose end is drawn aside."""
-
-
-def test_a_case_is_checked_and_goes_on_after_its_bolts_are_locked(tmp_path):
-    (tmp_path / "case.toml").write_text(CASE)
-    run_coulomb("run", tmp_path / "case.toml", "--output", tmp_path / "run")
-    assert check(tmp_path / "run").passed
-    steps = [json.loads((tmp_path / f"run/steps/000{k}/summary.json").read_text())["bolts"][0] for k in (1, 2)]
+def test_a_case_whose_bolts_are_locked():
+    run = made(TURNED_BOLT)
+    steps = [json.loads((run / f"steps/000{k}/summary.json").read_text())["bolts"][0] for k in (1, 2)]
     assert steps[0]["force"] == pytest.approx(-2e8, rel=1e-8) and not steps[0]["locked"]
     assert steps[1]["locked"] and steps[1]["shear"] > 1e6
     assert steps[1]["shortening"] == pytest.approx(steps[0]["shortening"], rel=1e-9)
-    shutil.rmtree(tmp_path / "run/steps/0002")
-    run_coulomb("resume", tmp_path / "run")
-    again = json.loads((tmp_path / "run/steps/0002/summary.json").read_text())["bolts"][0]
-    assert again.pop("face") == steps[1].pop("face") and again == pytest.approx(steps[1], rel=1e-6, abs=1e-4)
 
 
 def test_bolts_that_cannot_be():

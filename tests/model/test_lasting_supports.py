@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from conftest import run_coulomb
-from resumed_rows import rows_of, same_to_the_tolerance
 
 import coulomb
 from coulomb import (
@@ -143,51 +141,3 @@ def test_a_clamp_takes_the_force_of_contact_points():
     assert borne == pytest.approx([0.1, 0.1 - at_edge[0].sum(), 0.1], rel=1e-6)
     assert [step.row[name] for step in steps] == pytest.approx([0.0, at_edge[0].sum(), 0.0], rel=1e-6, abs=1e-12)
     assert all(step.solution.valid for step in steps)
-
-
-CASE = """
-[mesh]
-box = [0.1, 0.1, 0.05]
-cells = [3, 3, 2]
-[material]
-young = 5e6
-poisson = 0.4
-[[prescribed_displacement]]
-face = "top"
-value = [0.0, 0.0, -0.0005]
-components = "z"
-amplitude = [[0, 0], [1, 1]]
-[[clamp]]
-face = "right"
-components = "xy"
-end = 1.0
-[[symmetry]]
-face = "left"
-end = 1.0
-[[prescribed_displacement]]
-face = "top"
-components = "xy"
-begin = 1.0
-reaches = 2.0
-value = [0.001, 0.0005, 0.0]
-[contact]
-face = "bottom"
-friction = 0.5
-[history]
-times = [1.0, 1.5, 2.0, 3.0]
-[output]
-directory = "run"
-picture = false
-"""
-
-
-def test_check_and_resume(tmp_path):
-    (tmp_path / "case.toml").write_text(CASE)
-    run_coulomb("run", "case.toml", "--quiet", cwd=tmp_path)
-    checked = run_coulomb("check", "run", cwd=tmp_path)
-    assert "4 of 4 load steps passed" in checked.stdout
-    whole = rows_of(tmp_path / "run")
-    for number in (3, 4):  # as if it had been interrupted after the support has begun, and before it is there
-        (tmp_path / "run" / "steps" / f"{number:04d}").rename(tmp_path / f"{number}")
-    run_coulomb("resume", "run", "--quiet", cwd=tmp_path)
-    assert all(map(same_to_the_tolerance, rows_of(tmp_path / "run"), whole))

@@ -9,11 +9,8 @@ from bodies_runs import TWO, UNLOADED
 from case_texts import body as part
 from check_runs import copied, edit, made, put, run_case
 from conftest import run_coulomb
-from resumed_rows import rows_of, same_to_the_tolerance
 
-from coulomb.case.record import written_case
 from coulomb.io.field_files import read_grids
-from coulomb.io.history_files import HistoryFiles
 from coulomb.model.held_nodes import OtherNodes
 from coulomb.recheck import check
 
@@ -72,18 +69,6 @@ def test_another_order_of_the_faces_of_a_pair_is_the_same_case(tmp_path):
     edit(folder / "case.json", elsewhere)
     with pytest.raises(ValueError, match=r"case\.json: its problem cannot be posed: contact face 'upper:bottom'"):
         check(folder)
-
-
-def test_a_history_resumes_with_the_same_figures(tmp_path):
-    folder = copied(TWO, tmp_path / "run")
-    before = rows_of(folder)
-    shutil.rmtree(folder / LAST)
-    settings = written_case(folder)
-    files = HistoryFiles(folder, resume=True)
-    settings.load_history().run(settings.problem(), files)
-    after = rows_of(folder)
-    assert len(after) == len(before) and after[0] == before[0]
-    assert same_to_the_tolerance(before[-1], after[-1])
 
 
 def test_two_ranks_write_what_one_does(tmp_path):

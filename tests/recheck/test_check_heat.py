@@ -5,12 +5,9 @@ import json
 import numpy as np
 import pytest
 from case_texts import body, one_body
-from check_runs import change, copied, field, made
+from check_runs import change, copied, made
 from conftest import run_coulomb
-from mpi4py import MPI
 
-from coulomb.case.case import read_case
-from coulomb.io.history_files import HistoryFiles
 from coulomb.recheck import check
 
 BARS = """\
@@ -79,26 +76,6 @@ def test_a_changed_temperature_is_found(tmp_path):
     change(folder / "solution.h5", "temperature_change", changed)
     faults = check(folder).faults
     assert any("temperature_change" in line and "conduction, contact forces and slip" in line for line in faults)
-
-
-def test_a_continued_history_is_the_same(tmp_path):
-    whole = made(SLIDER)
-    case = tmp_path / "case.toml"
-    case.write_text(SLIDER)
-    settings, target = read_case(case), tmp_path / "run"
-    stopped = HistoryFiles(target)
-    settings.load_history().run(settings.problem(MPI.COMM_SELF), stopped, on_step=lambda _: len(stopped.rows) == 2)
-    assert len(stopped.rows) == 2
-    files = HistoryFiles(target, resume=True)
-    settings.load_history().run(settings.problem(MPI.COMM_SELF), files)
-    expected = json.loads((whole / "steps/0003/summary.json").read_text())["step"]["row"]
-    found = files.rows[-1]
-    assert found.keys() == expected.keys()
-    for name in expected:
-        if "heat" in name or "temperature" in name or "energy" in name:
-            assert found[name] == pytest.approx(expected[name], rel=1e-6, abs=1e-6), name
-    changes = (field(one / "steps/0003/solution.h5", "temperature_change") for one in (whole, target))
-    assert np.allclose(*changes, rtol=1e-7)
 
 
 def test_columns_of_a_history():

@@ -1,12 +1,10 @@
 """`coulomb check` of tied faces: their forces, stresses and jumps are computed anew from the case."""
 
 import json
-import shutil
 
 import pytest
 from case_texts import body
 from check_runs import change, copied, made
-from conftest import run_coulomb
 
 from coulomb.recheck import check
 
@@ -101,15 +99,3 @@ def test_a_bolt_before_and_after_it_is_locked():
     assert first["bolts"][0]["force"] == pytest.approx(-2e5, rel=1e-8) and not first["bolts"][0]["locked"]
     assert last["bolts"][0]["locked"] and last["bolts"][0]["force"] != pytest.approx(-2e5, rel=1e-3)
     assert last["bolts"][0]["shortening"] == pytest.approx(first["bolts"][0]["shortening"], rel=1e-12)
-
-
-def test_a_history_goes_on_after_its_bolts_are_locked(tmp_path):
-    case, folder = tmp_path / "case.toml", tmp_path / "run"
-    case.write_text(SCREWED)
-    run_coulomb("run", case, "--output", folder, "--set", "output.picture=false")
-    expected = json.loads((folder / "steps/0004/summary.json").read_text())["bolts"][0]
-    shutil.rmtree(folder / "steps/0004")
-    run_coulomb("resume", folder)
-    again = json.loads((folder / "steps/0004/summary.json").read_text())["bolts"][0]
-    assert again.pop("face") == expected.pop("face") and again == pytest.approx(expected, rel=1e-6, abs=1e-6)
-    assert check(folder).passed

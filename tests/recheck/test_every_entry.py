@@ -1,21 +1,27 @@
 """`coulomb check` compares every field and every number of a run, whatever the problem has."""
 
 import json
+import shutil
 
 import h5py
 import numpy as np
 import pytest
 from bodies_runs import TWO
 from case_texts import one_body
-from check_runs import BALL, BLOCK, WEDGE, copied, get, leaves, made, one_entry, put, scaled, shown
+from check_runs import BALL, BLOCK, TRESCA_STEPS, WEDGE, copied, get, leaves, made, one_entry, put, scaled, shown
+from history_runs import ENDING_SUPPORTS, ENDING_TIES, RUBBER_ON_RUBBER, SHOE, TURNED_BOLT, TURNED_FACE
+from mpi4py import MPI
+from resumed_rows import rows_of, same_to_the_tolerance
 from rubber_blocks import DRAWN
 from test_check_heat import BARS, SLIDER
 from test_check_supports import CASE
 from test_check_supports import PRESSED as LOADED
 from test_check_ties import GLUED, SCREWED, SPRUNG
 
+from coulomb.case.record import written_case
 from coulomb.contact_fields import COMPLIANCES
 from coulomb.io.field_files import grids_of
+from coulomb.io.history_files import HistoryFiles
 from coulomb.recheck import check, run
 from coulomb.recheck.posed import OF_SOLVER
 
@@ -158,3 +164,33 @@ def test_every_number(name, tmp_path, monkeypatch):
     faults = check(folder).faults
     missed = [path for path, _ in places if not any(fault.startswith(shown(path)) for fault in faults)]
     assert not missed, missed
+
+
+HISTORIES = {name: text for name, (text, step) in RUNS.items() if step != "." and name != "bolt"}
+HISTORIES |= {
+    "Tresca": TRESCA_STEPS,
+    "slip rate": BALL.replace("friction = 0.4", "friction = { static = 0.4, kinetic = 0.2, decay_speed = 1e-3 }"),
+    "rotation": SHOE,
+    "supports that end": ENDING_SUPPORTS,
+    "ties that end": ENDING_TIES,
+    "two bodies in large motions": RUBBER_ON_RUBBER,
+    "turned bolt": TURNED_BOLT,
+    "turned face": TURNED_FACE,
+}
+
+
+LOST = {"supports that end": 2, "ties that end": 3}
+"""Steps that are lost, after which supports are on their way and faces tied; of the others one."""
+
+
+@pytest.mark.parametrize("name", HISTORIES)
+def test_a_history_goes_on_from_its_files(name, tmp_path):
+    """The last steps are lost and computed again."""
+    folder, whole = copied(HISTORIES[name], tmp_path / "run"), rows_of(made(HISTORIES[name]))
+    for number in range(LOST.get(name, 1)):
+        shutil.rmtree(folder / f"steps/{len(whole) - number:04d}")
+    settings = written_case(folder)
+    settings.load_history().run(settings.problem(MPI.COMM_SELF), HistoryFiles(folder, resume=True))
+    assert all(map(same_to_the_tolerance, rows_of(folder), whole))
+    found = check(folder)
+    assert found.passed, str(found)
