@@ -11,16 +11,17 @@ that end in a comma, and those of one part of two alone.  Formats with plain num
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ...arrays import IntArray
-from ...decks.geometry import CORNERS, Geometry, read_geometry
+from ...decks.geometry import Geometry, read_geometry
 from ...decks.node_surfaces import corners_of_sides, facets_with_nodes, refuse_other_sides
 from ...decks.rigid_bodies import add_skins
 from ...decks.sets import NamedSet, Sets
-from .mesh_file import MeshFile, SectionFile, solid_nodes
+from .mesh_file import MeshFile, SectionFile, not_empty, solid_nodes
 from .one_kind import READ, of_one_kind
 
 
@@ -112,64 +113,34 @@ class _Mesh:
         if strange or not self._rows:
             solid_nodes(deck.path, strange, sum(map(len, deck.flats.values())))
         blocks = {width: deck.places(block[:, 1:]) for width, block in self._rows.items()}
-        self._numbers = np.concatenate([block[:, 0] for block in self._rows.values()])
-        self._kind = of_one_kind(deck.path, deck.points, blocks)
+        numbers = np.concatenate([block[:, 0] for block in self._rows.values()])
+        kind = of_one_kind(deck.path, deck.points, blocks)
         used = np.zeros(len(deck.points), dtype=bool)
         for block in blocks.values():
             used[block] = True
         self._used = used
-        self._kind.used = None if cells is None else used
-        numbers = np.concatenate([deck.tags, np.zeros(len(self._kind.points) - len(deck.tags), dtype=np.int64)])
-        groups = self._cell_groups(), self._face_groups(), self._node_groups()
-        self.file = MeshFile(deck.path, self._kind.points, self._kind.cells, *groups, numbers)
+        kind.used = None if cells is None else used
+        sets = {one.name: deck.element_sets.members(one.name) for one in _given(deck.element_sets)}
+        groups = {name: np.flatnonzero(np.isin(numbers, members)) for name, members in sets.items()}
+        nodes = {one.name: deck.places(deck.node_sets.members(one.name)) for one in _given(deck.node_sets)}
+        nodes = {name: some[used[some]] for name, some in nodes.items()}
+        file = kind.file(deck.path, groups, self._face_groups(sets), nodes, deck.tags)
+        self.file = replace(file, cell_groups=not_empty(file.cell_groups))
 
-    def _cell_groups(self) -> dict[str, IntArray]:
-        of_source = self._numbers[self._kind.source]
-        groups = {}
-        for found in self._deck.element_sets.all.values():
-            inside = np.isin(of_source, self._deck.element_sets.members(found.name))
-            if not found.hidden and np.any(inside):
-                groups[found.name] = np.flatnonzero(inside)
-        return groups
-
-    def _face_groups(self) -> dict[str, IntArray]:
+    def _face_groups(self, sets: Mapping[str, IntArray]) -> dict[str, list[IntArray]]:
         deck = self._deck
-        groups = {}
+        groups = {name: facets for name, members in sets.items() if (facets := self._on_flats(members))}
         add_skins(deck)
-        for found in deck.element_sets.all.values():
-            facets = [] if found.hidden else self._on_flats(deck.element_sets.members(found.name))
-            if facets:
-                groups[found.name] = self._joined(facets)
         for surface in deck.surfaces.values():
             around = facets_with_nodes(deck, surface.name) if surface.nodes else None
             if around is not None:
-                groups[surface.name] = self._joined(_by_shape(around[np.all(self._used[around], axis=1)]))
+                groups[surface.name] = _by_shape(around[np.all(self._used[around], axis=1)])
             if not surface.nodes:
-                groups[surface.name] = self._joined(
-                    [rows for what, side in surface.lines for rows in self._sides(surface.name, what, side)]
-                )
+                groups[surface.name] = [of for line in surface.lines for of in self._sides(surface.name, *line)]
         for card in deck.others:
             for name, _, sides in deck.on_sides(card) if card.kind in ("DLOAD", "FILM", "DFLUX") else ():
-                groups[name] = self._joined([rows for what, side in sides for rows in self._sides(name, what, side)])
+                groups[name] = [rows for line in sides for rows in self._sides(name, *line)]
         return groups
-
-    def _node_groups(self) -> dict[str, IntArray]:
-        deck = self._deck
-        groups = {}
-        for found in deck.node_sets.all.values():
-            if not found.hidden:
-                nodes = deck.places(deck.node_sets.members(found.name))
-                groups[found.name] = self._kind.completed(nodes[self._used[nodes]])
-        return groups
-
-    def _joined(self, facets: list[IntArray]) -> IntArray:
-        """Corners of facets as those of the cells are: of one shape, unless the file is wrong."""
-        rows = [self._kind.facets(one) for one in facets if len(one)]
-        side = 3 if CORNERS[self._kind.cells.shape[1]] == 4 else 4
-        widths = {one.shape[1] for one in rows}
-        if len(widths) > 1:
-            rows = [one for one in rows if one.shape[1] == side]
-        return np.vstack(rows) if rows else np.empty((0, side), dtype=np.int64)
 
     def _on_flats(self, numbers: IntArray) -> list[IntArray]:
         """Facets of surface elements of these numbers."""

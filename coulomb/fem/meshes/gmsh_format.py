@@ -73,22 +73,16 @@ def read(path: str, only: str | None = None) -> MeshFile:
         count += len(cells)
     groups_of = {name: np.concatenate(parts) for name, parts in of_cells.items()}
     found = of_one_kind(path, points, blocks, members_of(path, groups_of, only))
-    corners = 3 if CORNERS[found.cells.shape[1]] == 4 else 4
     of_faces: dict[str, list[IntArray]] = {}
-    for width in _FACES if found.split else (corners,):
+    for width in found.shapes:
         given = [(groups, rows[:, :width]) for kind in _FACES[width] for groups, rows in elements.get(kind, [])]
         faces, members = _join(given, width, names, 2)
         for name, mine in members.items():
-            of_faces.setdefault(name, []).append(found.facets(numbers(faces[mine])))
+            of_faces.setdefault(name, []).append(numbers(faces[mine]))
     for (dimension, _), name in names.items():  # groups of nothing, or of elements no cell has a side like
         if dimension == 2:
-            of_faces.setdefault(name, [np.empty((0, corners), dtype=np.int64)])
-    groups = (
-        {name: np.flatnonzero(np.isin(found.source, rows)) for name, rows in groups_of.items()},
-        {name: np.vstack(parts) for name, parts in of_faces.items()},
-    )
-    tags = np.concatenate([tags, np.zeros(len(found.points) - len(tags), dtype=np.int64)])
-    return MeshFile(path, found.points, found.cells, *groups, numbers=tags)
+            of_faces.setdefault(name, [])
+    return found.file(path, groups_of, of_faces, {}, tags)
 
 
 def read_section(path: str) -> SectionFile:

@@ -17,7 +17,7 @@ import numpy as np
 
 from ...arrays import IntArray
 from ...regular_file import refuse_irregular
-from .lagrange import CORNERS, in_vtk_order
+from .lagrange import in_vtk_order
 from .mesh_file import MeshFile, SectionFile, members_of, solid_nodes
 from .one_kind import READ, of_one_kind
 
@@ -113,21 +113,14 @@ def _mesh(only: str | None, path: str, mesh: Any, families: Any, elements: Any) 
     if 27 in blocks:
         blocks[27] = in_vtk_order(blocks[27], "med")
     found = of_one_kind(path, points, blocks, members_of(path, groups, only))
-    cell_groups = {group: np.flatnonzero(np.isin(found.source, rows)) for group, rows in groups.items()}
     of_faces: dict[str, list[IntArray]] = {}
-    for corners in _FACES if found.split else (3 if CORNERS[found.cells.shape[1]] == 4 else 4,):
+    for corners in found.shapes:
         for face in set(_FACES[corners]) & set(elements):
             facets = _table(elements[face]["NOD"])[:, :corners] - 1
             for group, members in _members(elements[face], len(facets), of_elements).items():
-                of_faces.setdefault(group, []).append(found.facets(facets[members]))
-    face_groups = {group: np.vstack(parts) for group, parts in of_faces.items()}
-    node_groups = {
-        group: found.completed(nodes) for group, nodes in _members(mesh["NOE"], len(points), of_nodes).items()
-    }
+                of_faces.setdefault(group, []).append(facets[members])
     numbers = np.asarray(mesh["NOE"]["NUM"], dtype=np.int64) if "NUM" in mesh["NOE"] else None
-    if numbers is not None:
-        numbers = np.concatenate([numbers, np.zeros(len(found.points) - len(points), dtype=np.int64)])
-    return MeshFile(path, found.points, found.cells, cell_groups, face_groups, node_groups, numbers)
+    return found.file(path, groups, of_faces, _members(mesh["NOE"], len(points), of_nodes), numbers)
 
 
 def _only(path: str, group: Any, what: str) -> str:

@@ -22,7 +22,6 @@ import numpy as np
 
 from ...arrays import IntArray
 from ...regular_file import read_bytes
-from .lagrange import CORNERS
 from .mesh_file import MeshFile, SectionFile, members_by_name, members_of, only_set, solid_nodes
 from .one_kind import of_one_kind
 
@@ -36,12 +35,12 @@ _SOLIDS = {
 """meshio's types of cells, with their numbers of nodes."""
 
 _FACES = {
-    4: ({"triangle": 3, "triangle6": 6, "VTK_LAGRANGE_TRIANGLE": 6}, 3),
-    8: ({"quad": 4, "quad8": 8, "quad9": 9, "VTK_LAGRANGE_QUADRILATERAL": 9}, 4),
+    3: {"triangle": 3, "triangle6": 6, "VTK_LAGRANGE_TRIANGLE": 6},
+    4: {"quad": 4, "quad8": 8, "quad9": 9, "VTK_LAGRANGE_QUADRILATERAL": 9},
 }
-"""Its types of facets by the number of corners of cells, with their numbers of nodes and of their own corners."""
+"""Its types of facets by the number of their corners, with their numbers of nodes."""
 
-_SECTIONS = _FACES[4][0] | _FACES[8][0]
+_SECTIONS = _FACES[3] | _FACES[4]
 _LINES = {"line": 2, "line3": 3, "VTK_LAGRANGE_CURVE": 3}
 """Cells of a section in 2D with their nodes, and its edges."""
 
@@ -80,21 +79,17 @@ def read(path: str, names: Mapping[str, int], cell_names: Mapping[str, int], onl
     groups = _groups(path, cell_numbers, cell_names, "cell_names")
     blocks = {width: rows for width, (rows, _) in zip(widths, given, strict=True)}
     found = of_one_kind(path, points, blocks, members_of(path, groups, only))
-    cell_groups = {name: np.flatnonzero(np.isin(found.source, rows)) for name, rows in groups.items()}
     of_faces: dict[str, list[IntArray]] = {}
-    for shape in _FACES if found.split else (CORNERS[found.cells.shape[1]],):
-        facets, sets = _blocks(mesh, *_FACES[shape])
+    for shape in found.shapes:
+        facets, sets = _blocks(mesh, _FACES[shape], shape)
         here = np.concatenate([np.empty(0, dtype=np.int64), *sets.values()])
         mine = {name: number for name, number in names.items() if number in here} if found.split else names
         for name, rows in _groups(path, sets, mine, "names").items():
-            of_faces.setdefault(name, []).append(found.facets(facets[rows]))
+            of_faces.setdefault(name, []).append(facets[rows])
     if lost := names.keys() - of_faces.keys():
         raise ValueError(f"{path}: names has {min(lost)!r} = {names[min(lost)]}, but no facet has this number")
-    face_groups = {name: np.vstack(parts) for name, parts in of_faces.items()}
     numbers = _grid_numbers(data, len(points)) if Path(path).suffix.lower() in (".bdf", ".nas") else None
-    if numbers is not None:
-        numbers = np.concatenate([numbers, np.zeros(len(found.points) - len(numbers), dtype=np.int64)])
-    return MeshFile(path, found.points, found.cells, cell_groups, face_groups, numbers=numbers)
+    return found.file(path, groups, of_faces, {}, numbers)
 
 
 def read_section(path: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> SectionFile:

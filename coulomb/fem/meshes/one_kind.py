@@ -9,7 +9,7 @@ hexahedra into tetrahedra").
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray, IntArray, distinct, rows_among
-from .lagrange import nodes_between
+from .lagrange import CORNERS, nodes_between
+from .mesh_file import MeshFile
 from .mesh_parts import places
 
 _CORNERS: Final = {4: 4, 10: 4, 5: 5, 13: 5, 6: 6, 15: 6, 8: 8, 20: 8, 27: 8}
@@ -77,6 +78,49 @@ class OneKind:
         inside = np.zeros(len(self.points), dtype=bool)
         inside[nodes] = True
         return np.concatenate([nodes, *(new[np.all(inside[of], axis=1)] for new, of in self.middles)])
+
+    @property
+    def side(self) -> int:
+        """Corners of a facet."""
+        return 3 if CORNERS[self.cells.shape[1]] == 4 else 4
+
+    @property
+    def shapes(self) -> tuple[int, ...]:
+        """Corners of the facets that may be those of cells."""
+        return (3, 4) if self.split else (self.side,)
+
+    def file(
+        self,
+        path: str,
+        cell_groups: Mapping[str, IntArray],
+        faces: Mapping[str, Sequence[IntArray]],
+        nodes: Mapping[str, IntArray],
+        numbers: IntArray | None,
+    ) -> MeshFile:
+        """These cells with what a file has of the given ones.
+
+        Args:
+            path: The file.
+            cell_groups: The given cells of every group, among all in their order.
+            faces: Corners of the facets of every group, as `facets` takes them; of another shape beside those that fit
+                they are left out.
+            nodes: Points of every named set.
+            numbers: Of the given points, or None.
+        """
+        of_faces = {name: [self.facets(one) for one in parts if len(one)] for name, parts in faces.items()}
+        none = np.empty((0, self.side), dtype=np.int64)
+        for name, parts in of_faces.items():
+            if len({one.shape[1] for one in parts}) > 1:
+                of_faces[name] = [one for one in parts if one.shape[1] == self.side]
+        if numbers is not None:
+            numbers = np.concatenate([numbers, np.zeros(len(self.points) - len(numbers), dtype=np.int64)])
+        return MeshFile(
+            *(path, self.points, self.cells),
+            {name: np.flatnonzero(np.isin(self.source, rows)) for name, rows in cell_groups.items()},
+            {name: np.vstack(parts) if parts else none for name, parts in of_faces.items()},
+            {name: self.completed(some) for name, some in nodes.items()},
+            numbers,
+        )
 
 
 def of_one_kind(
