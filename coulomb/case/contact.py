@@ -209,8 +209,6 @@ class ContactTable(Table):
             if given:
                 raise ValueError(f"{', '.join(sorted(given))} goes with against: it is for gaps between two meshes")
             return self
-        if self.against == self.face:
-            raise ValueError("against must be another face than face")
         of_foundation = {"foundation", "motion", "rotation", "normals", "force", "moment"}
         given = (of_foundation | {"force_point", "force_amplitude"}) & self.model_fields_set
         if given:

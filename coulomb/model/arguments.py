@@ -11,9 +11,9 @@ import numpy as np
 
 from ..arrays import is_number, short
 from ..fem.bodies import Deformable, Equation, PrescribedDisplacement, Support, act_together, nonlinear, vanishes
-from ..fem.contact import Tied
+from ..fem.contact import Tied, two_sides
 from ..fem.geometry import same_on_all_ranks
-from ..fem.meshes import JoinedMesh, NamedMesh, is_mesh_data, with_surfaces
+from ..fem.meshes import SEPARATOR, JoinedMesh, NamedMesh, is_mesh_data, with_surfaces
 from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
 from ..solvers.friction_problem import Solver
 from .contact import Contact
@@ -150,3 +150,34 @@ def on_named_surfaces(
     for one in contacts:
         pairs += [(one.face, one.surface), (one.against or one.face, one.against_surface)]
     return with_surfaces(mesh, {face: surface for face, surface in pairs if surface is not None})
+
+
+def on_two_sides(
+    mesh: NamedMesh | JoinedMesh | Deformable, contacts: Sequence[Contact]
+) -> tuple[NamedMesh | JoinedMesh | Deformable, tuple[Contact, ...]]:
+    """The contacts, those of a face with itself as of its `two_sides`, and the mesh with these as faces, which a body
+    of the user's forms is given; ValueError on every rank if there is no such face, or no part of it is opposite to
+    another one; collective."""
+    found = list(contacts)
+    for number, one in enumerate(found):
+        if one.against != one.face:
+            continue
+        if isinstance(mesh, Deformable):
+            of, face = mesh.face(one.face, "contact")[0].body.mesh, one.face.split(SEPARATOR)[-1]
+        elif isinstance(mesh, JoinedMesh):
+            body, face = mesh.split(one.face, "contact")
+            of = mesh.bodies[body]
+        else:
+            of, face = mesh, one.face
+        first, second, depth = two_sides(of, of.facets(face, "contact"), f"contact face {one.face!r} against itself")
+        sides = {f"{face}_facing_itself_1": first, f"{face}_facing_itself_2": second}
+        if isinstance(mesh, Deformable):
+            of.faces.update(sides)
+        elif isinstance(mesh, JoinedMesh):
+            mesh = JoinedMesh({**mesh.bodies, body: replace(of, faces={**of.faces, **sides})})
+        else:
+            mesh = replace(of, faces={**of.faces, **sides})
+        names = (one.face.removesuffix(face) + side for side in sides)
+        known = depth if one.depth is None and np.isfinite(depth) else one.depth
+        found[number] = replace(one, face=next(names), against=next(names), depth=known)
+    return mesh, tuple(found)

@@ -233,7 +233,9 @@ class Contact:
             constant or a function of place, evaluated at the undeformed face.  Negative values are an interference
             (press fit): the face must move back by so much.
         gap_amplitude: Factor of `gap` as a function of time, with which a press fit is applied in a load history.
-        against: In place of a foundation, another deformable face, of another body ("lower:top") or of the same.
+        against: In place of a foundation, another deformable face, of another body ("lower:top") or of the same; or
+            the face itself: its facets that are before each other become two faces, "skin_facing_itself_1" and
+            "skin_facing_itself_2".
         adjust: Gaps and penetrations between two deformable faces up to this size in metres, as meshes leave them where
             surfaces are the same, are closed before deformation, without strain.
         smooth: The facets of first order of a pair stand for smooth surfaces, with the mean normals at their corners,
@@ -253,6 +255,8 @@ class Contact:
         moment: The same about axes along x, y and z through the `force_point`, N m; None where it does not turn.
         force_point: Where the force acts, metres; it moves with the foundation.  By default the middle of the face.
         force_amplitude: Factor of force and moment as a function of time.
+        depth: The largest penetration of a pair that is found, metres, less than what is behind the face is thick; by
+            default a quarter of the extent of the smaller face, of a face with itself half of its thinnest wall.
 
     Examples:
         >>> from coulomb import Contact, Plane
@@ -292,6 +296,7 @@ class Contact:
     moment: Sequence[float | None] = (None, None, None)
     force_point: Point | None = None
     force_amplitude: Amplitude = 1.0
+    depth: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("foundation", "surface", "against_surface"):
@@ -316,6 +321,8 @@ class Contact:
             raise ValueError("contact: give either friction (Coulomb) or slip_stress (Tresca), one of the two")
         if not is_number(self.adjust):
             raise ValueError(f"contact: adjust must be a number of metres >= 0, but is {self.adjust!r}")
+        if self.depth is not None and not (self.against is not None and is_number(self.depth) and self.depth > 0.0):
+            raise ValueError(f"contact: depth is a number of metres > 0 of a pair, but is {self.depth!r}")
         if self.against is not None:
             self._refuse_foundation()
         elif self.adjust:
@@ -386,14 +393,12 @@ class Contact:
 
     @property
     def shape(self) -> Shape:
-        """What the facets of the pair stand for."""
-        return Shape(self.smooth, self.surface, self.against_surface)
+        """What the facets of the pair stand for, and the largest penetration that is found."""
+        return Shape(self.smooth, self.surface, self.against_surface, np.inf if self.depth is None else self.depth)
 
     def _refuse_foundation(self) -> None:
         if not isinstance(self.against, str):
             raise ValueError(f"contact: against must be the name of a face, but is {self.against!r}")
-        if self.against == self.face:
-            raise ValueError(f"contact: face {self.face!r} cannot be in contact with itself: give another as against")
         unfit = {"foundation": self.foundation, "motion": self.motion, "rotation": self.rotation}
         given = [name for name, value in unfit.items() if value is not None] + ["force"] * bool(self.load)
         if given:

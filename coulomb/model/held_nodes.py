@@ -169,12 +169,12 @@ class OtherNodes:
         return np.where(np.abs(left) <= ROUNDING * size, 0.0, left)
 
 
-def beside_pair(elasticity: Deformable, pair: Pair, adjust: float) -> OtherNodes | None:
+def beside_pair(elasticity: Deformable, pair: Pair, adjust: float, deepest: float) -> OtherNodes | None:
     """Nodes of the slave face of a pair that supports hold along its normal, opposite to nodes of the master that are
     held as well; None if there are none on any rank; collective.
 
     Found by lines along the normals, not by the mortar integration.  Meshes that overlap before any displacement, by
-    their polygons or by an interference, are taken to touch there.
+    their polygons or by an interference, no deeper than the deepest in metres, are taken to touch there.
     """
     comm, (slave, on_slave), (master, on_master) = (
         elasticity.comm,
@@ -187,7 +187,7 @@ def beside_pair(elasticity: Deformable, pair: Pair, adjust: float) -> OtherNodes
     if not comm.allreduce(bool(np.any(still)), op=MPI.LOR):
         return None
     own, face = facets_of(body, on_slave)[0], facets_of(master.body, on_master)[0]
-    found = hits(body.x[nodes], n, face, own.extent, own.extent)
+    found = hits(body.x[nodes], n, face, min(own.extent, deepest), own.extent)
     which = still & (found.facet >= 0)
     facet, place, gap = found.facet[which], found.place[which], np.maximum(found.way[which], 0.0)
     values, columns = face.at(facet, place)[0], elasticity.numbers_of(master, face.nodes[facet].ravel())
@@ -213,7 +213,7 @@ class HeldInPairs:
         """Those of a pair with their gaps at a time; None if there are none; collective."""
         contact, comm = self._contacts[number], self._elasticity.comm
         if number not in self._found:
-            self._found[number] = beside_pair(self._elasticity, self._pair(number), contact.adjust)
+            self._found[number] = beside_pair(self._elasticity, self._pair(number), contact.adjust, contact.shape.depth)
         nodes = self._found[number]
         if nodes is None:
             return None

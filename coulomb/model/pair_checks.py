@@ -6,7 +6,7 @@ by more than the facets explain counts.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Final
 
@@ -82,6 +82,7 @@ class PairReference:
     def __init__(self, slave: Side, master: Side, node: IntArray, shape: Shape):
         self._spaces = slave.space, master.space
         (one, here), (other, there) = (facets_of(side.space, side.facets) for side in (slave, master))
+        one, other = (replace(face, depth=shape.depth) for face in (one, other))
         self._nodes, self._slave, self._facets = (here, there), slave, (one, other)
         held = (slave.projectors(here), master.projectors(there)) if shape.smooth else None
         large = isinstance(slave.space, NonlinearBody)

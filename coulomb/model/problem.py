@@ -43,7 +43,15 @@ from ..linalg.compliance import LinearSolver
 from ..solvers.friction_problem import Solver, contact_solver
 from ..solvers.results import ProgressCallback, SolverResult
 from . import notebook
-from .arguments import certifying, contacts_given, linear_solver_of, named, on_named_surfaces, refuse_wrong
+from .arguments import (
+    certifying,
+    contacts_given,
+    linear_solver_of,
+    named,
+    on_named_surfaces,
+    on_two_sides,
+    refuse_wrong,
+)
 from .contact import Contact
 from .contact_body import ContactBody
 from .contact_faces import StatePoints
@@ -253,7 +261,8 @@ class ContactProblem(DiscreteProblem):
             given["time"],
             given["kinematics"] == "large",
         )
-        contacts, methods = contacts_given(given), (linear_solver_of(given["linear_solver"]), given["explicit"])
+        mesh, contacts = on_two_sides(given["mesh"], contacts_given(given))
+        given, methods = {**given, "mesh": mesh}, (linear_solver_of(given["linear_solver"]), given["explicit"])
         known = None if large else known
         before = None if known is None else known.elasticity.at_time(time)
         make = partial(_bodies_of, given, before, changed)
@@ -325,7 +334,11 @@ class ContactProblem(DiscreteProblem):
         nodes on the same faces; ValueError on every rank if that has not the faces and groups of cells; collective."""
         given = dict(self.given)
         given |= {"material": None} if isinstance(self.made_of, Deformable) else {}  # it may be the contact
-        contacts = [replace(one, slave=one.against is not None) for one in self.body.contacts]
+        pairs = zip(contacts_given(self.given), self.body.contacts, strict=True)
+        contacts = [
+            as_given if as_given.face == as_given.against else replace(one, slave=one.against is not None)
+            for as_given, one in pairs
+        ]
         if given["kinematics"] == "small" and not isinstance(mesh, Deformable):
             contacts = [one if one.against is None else _on_curved_faces(one, mesh) for one in contacts]
         given["ties"] = with_slaves(given["ties"], self.elasticity.constraints.ties)

@@ -42,6 +42,7 @@ from .pair import (
 )
 from .pair_evidence import Claims, Deviations, PairSamples, Surfaces
 from .sections import Pretension
+from .self_contact import two_sides
 from .slip import FaceMotion, foot_points
 from .surface import (
     NOISE,

@@ -115,6 +115,7 @@ class Facets:
         nodes: Numbers of their nodes in the body, over all ranks, in VTK's order, shape (f, n).
         x: Coordinates of these, metres, shape (f, n, 3).
         sign: 1 where the order of the nodes is counterclockwise from outside, else -1, shape (f,).
+        depth: How far behind their start lines may meet the face at most, metres.
     """
 
     corners: int
@@ -122,6 +123,7 @@ class Facets:
     nodes: IntArray
     x: FloatArray
     sign: FloatArray
+    depth: float = np.inf
 
     def __len__(self) -> int:
         return len(self.nodes)
@@ -247,7 +249,7 @@ def hits(start: FloatArray, along: FloatArray, face: Facets, depth: float, reach
     found = Hits(np.full(len(start), -1), np.zeros((len(start), 2)), np.full(len(start), np.inf))
     if not len(face):
         return found
-    tree = sphere_tree(face.middle, face.radius)
+    tree, depth = sphere_tree(face.middle, face.radius), min(depth, face.depth)
     for at in np.array_split(np.arange(len(start)), len(start) // _LINES + 1):
         line, facet = tree.before(start[at], np.zeros(len(at)), along[at], depth, reach)
         _keep_nearest(found, at[line], facet, *_meet(face, facet, start[at[line]], along[at[line]]), depth, reach)
@@ -326,8 +328,9 @@ def _levels(face: Facets, near: IntArray, other: Facets) -> FloatArray:
     points = (middle + _PROBES * (corners - middle)).reshape(-1, 2)
     along, found = _lines(face, other, near, points, np.repeat(np.arange(len(corners)), face.corners))
     way, n = np.abs(found.way).reshape(along.shape[:2]), other.normal[found.facet].reshape(along.shape)
-    cosine = np.einsum("fqi,fqi->fq", along, n)[:, :, None]
-    slope = np.where(np.isfinite(way)[:, :, None], (n - cosine * along) / cosine**2, 0.0)
+    met = np.isfinite(way)[:, :, None]
+    cosine = np.where(met, np.einsum("fqi,fqi->fq", along, n)[:, :, None], 1.0)
+    slope = np.where(met, (n - cosine * along) / cosine**2, 0.0)
     rises = _rises(np.repeat(face.x[near], len(points), axis=0), slope.reshape(-1, 3)).reshape(way.shape).max(axis=1)
     rows, columns = np.repeat(np.arange(len(near)), face.nodes.shape[1]), face.nodes[near].ravel()
     on = scipy.sparse.csr_matrix((np.ones(len(rows)), (rows, columns)))

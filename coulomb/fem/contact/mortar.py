@@ -31,6 +31,7 @@ averages, which are continuous, and change as D and M say.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -183,16 +184,16 @@ class Search:
     reach: float
 
     @classmethod
-    def of(cls, distance: float, one: float, other: float) -> Search:
-        """For faces at this distance from each other, with these extents."""
-        return cls(_DEPTH * min(one, other), distance + max(one, other))
+    def of(cls, distance: float, extents: Sequence[float], deepest: float) -> Search:
+        """For faces at this distance from each other, with these extents, and penetrations up to the deepest."""
+        return cls(min(_DEPTH * min(extents), deepest), distance + max(extents))
 
 
-def search_of(slave: FacetPatch, master: FacetPatch) -> Search:
-    """For two faces, neither of them empty."""
+def search_of(slave: FacetPatch, master: FacetPatch, deepest: float = np.inf) -> Search:
+    """For two faces, neither of them empty, and penetrations up to the deepest."""
     extents = [float(np.linalg.norm(np.ptp(patch.x.reshape(-1, 3), axis=0))) for patch in (slave, master)]
     tree = tree_of(master.x.mean(axis=1))
-    return Search.of(float(np.min(tree.query(slave.x.mean(axis=1))[0])), *extents)
+    return Search.of(float(np.min(tree.query(slave.x.mean(axis=1))[0])), extents, deepest)
 
 
 @dataclass(frozen=True)

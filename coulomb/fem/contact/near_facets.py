@@ -174,16 +174,18 @@ class NearPair:
     most: Most | None = None
 
 
-def near_pair(slave: FacetPatch, master: FacetPatch, nodes: tuple[int, int], comm: MPI.Comm) -> NearPair:
-    """What this rank needs of a pair, of the facets and numbers of nodes that it has of the slave and of the master;
-    collective."""
+def near_pair(
+    slave: FacetPatch, master: FacetPatch, nodes: tuple[int, int], comm: MPI.Comm, deepest: float = np.inf
+) -> NearPair:
+    """What this rank needs of a pair, of the facets and numbers of nodes that it has of the slave and of the master,
+    with penetrations up to the deepest in metres; collective."""
     ends = [_bounds(patch, comm) for patch in (slave, master)]
     size = float(np.max(np.abs(ends[0]), initial=0.0, where=np.isfinite(ends[0])))
     extents = [high - low if np.all(np.isfinite(low)) else np.zeros(3) for low, high in ends]
     starts = [starts_of(comm, count) for count in nodes]
     first = int(starts[0][comm.rank])
     if comm.size == 1:
-        search = search_of(slave, master) if len(slave) and len(master) else None
+        search = search_of(slave, master, deepest) if len(slave) and len(master) else None
         both = whole_face(slave), whole_face(master)
         return NearPair(both[0], both[1], (0, nodes[0]), search, size, float(np.max(extents[0])))
     one, other = (_rows_with_bulges(patch, at, comm) for patch, at in zip((slave, master), starts, strict=True))
@@ -194,7 +196,7 @@ def near_pair(slave: FacetPatch, master: FacetPatch, nodes: tuple[int, int], com
     there = other[:0]
     if all(counts):
         lengths = [float(np.linalg.norm(extent)) for extent in extents]
-        search = Search.of(_distance(slave, master, comm), *lengths)
+        search = Search.of(_distance(slave, master, comm), lengths, deepest)
         there = _before(around.patch, master, other, search, comm)
     own = np.searchsorted(around.numbers, [first, first + nodes[0]])
     extent = float(np.max(extents[0]))

@@ -246,11 +246,13 @@ _SEEN: Final = 1e-7
 @dataclass(frozen=True)
 class Shape:
     """What the facets of a pair stand for, where gaps are measured: surfaces of slave and master; else, if `smooth`,
-    first-order facets stand for the smooth surface with the mean normals at their corners; else for themselves."""
+    first-order facets stand for the smooth surface with the mean normals at their corners; else for themselves; and the
+    largest penetration that is found, metres."""
 
     smooth: bool = False
     slave: RigidFoundation | None = None
     master: RigidFoundation | None = None
+    depth: float = np.inf
 
 
 NO_SHAPE = Shape()
@@ -340,7 +342,7 @@ def pair_of(
     clamped = clamped_nodes(body, on_slave)
     on_face = body.nodes_of(on_slave)
     twice = np.empty(0, dtype=np.int64) if taken is None else on_face[taken[slave.nodes][on_face]].astype(np.int64)
-    near = near_pair(patches[0], patches[1], (numbering.local, master.body.numbering.local), comm)
+    near = near_pair(patches[0], patches[1], (numbering.local, master.body.numbering.local), comm, shape.depth)
     on_one, on_other = near.slave.patch, near.master.patch
     starts = starts_of(comm, numbering.local)
     gone = np.zeros(numbering.local, dtype=bool)
