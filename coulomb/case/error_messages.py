@@ -12,6 +12,7 @@ from types import UnionType
 from typing import Annotated, Any, Final, Literal, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel, Tag, ValidationError
+from typing_extensions import TypeAliasType
 
 from .contact import BY_PRESSURE, BY_SLIP_RATE, FACE, FACES
 from .curves import CURVE, ROWS_ALONE, CurveTable, columns_of
@@ -271,10 +272,10 @@ def _inside(place: Any, part: int | str) -> Any:
 
 
 def _bare(kind: Any) -> tuple[Any, list[str]]:
-    """A type without its annotations, and its tags."""
+    """A type without its annotations and its name, and its tags."""
     tags: list[str] = []
-    while get_origin(kind) is Annotated:
-        kind, *notes = get_args(kind)
+    while get_origin(kind) is Annotated or isinstance(kind, TypeAliasType):
+        kind, *notes = (kind.__value__,) if isinstance(kind, TypeAliasType) else get_args(kind)
         tags += [note.tag for note in notes if isinstance(note, Tag)]
     return kind, tags
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
+from typing_extensions import TypeAliasType
 
 from ..arrays import FloatArray
 from .expression import expression
@@ -45,7 +46,8 @@ _FINITE = Field(allow_inf_nan=False, strict=True)
 _NOT_NEGATIVE = Field(ge=0.0, allow_inf_nan=False, strict=True)
 _POSITIVE = Field(gt=0.0, allow_inf_nan=False, strict=True)
 
-Number = Annotated[float, _FINITE, _between(1e-60, 1e30, zero=True)]
+# Of a type with a name pydantic makes the validator once, not at each of its places: 0.02 s of a start.
+Number = TypeAliasType("Number", Annotated[float, _FINITE, _between(1e-60, 1e30, zero=True)])
 """Squares and products of a few of these neither overflow nor underflow."""
 
 Length = Annotated[float, _POSITIVE, _between(1e-12, 1e12)]
@@ -169,7 +171,9 @@ def _kind(given: Any) -> str:
 _OneKind = Discriminator(lambda given: EXPRESSION if isinstance(given, str) else NUMBER)
 Expression = Annotated[str, AfterValidator(_expression)]
 
-SpatialNumber = Annotated[Annotated[Number, Tag(NUMBER)] | Annotated[Expression, Tag(EXPRESSION)], _OneKind]
+SpatialNumber = TypeAliasType(
+    "SpatialNumber", Annotated[Annotated[Number, Tag(NUMBER)] | Annotated[Expression, Tag(EXPRESSION)], _OneKind]
+)
 SpatialFriction = Annotated[Annotated[Friction, Tag(NUMBER)] | Annotated[Expression, Tag(EXPRESSION)], _OneKind]
 SpatialStress = Annotated[Annotated[Stress, Tag(NUMBER)] | Annotated[Expression, Tag(EXPRESSION)], _OneKind]
 SpatialSpeed = Annotated[Annotated[Speed, Tag(NUMBER)] | Annotated[Expression, Tag(EXPRESSION)], _OneKind]

@@ -58,7 +58,7 @@ _APART: Final = 100_000_000  # between the numbers of two instances
 _LABEL = re.compile(r"[+-]?\d+")
 
 
-@dataclass
+@dataclass(eq=False)
 class _Instance:
     """An instance of a part, or what is given outside of parts ("")."""
 

@@ -82,7 +82,7 @@ SMOOTH: Final = 2.0
 as the cells at an edge happen to be (of 15 such ones 4 were inside their bars, docs/measurements.md)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ErrorBar:
     """A total with its error bar.
 

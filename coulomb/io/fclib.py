@@ -27,7 +27,7 @@ from ..solvers.rigid import cone_residual
 _ASYMMETRIC: Final = 1e-2  # over the largest entry: there are files of the Siconos project with 1e-4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FCLIBProblem:
     """A local friction problem.
 

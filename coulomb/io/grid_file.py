@@ -36,7 +36,7 @@ NOTE: Final = "nodal forces"
 """Name of the Information of a grid that says for what body its nodal forces are."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class GridPart:
     """This rank's part of a mesh.
 

@@ -19,7 +19,7 @@ from .petsc_arrays import distributed_entries
 from .reductions import Reductions, concatenated, summed
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Parts:
     """The parts of a vector.
 

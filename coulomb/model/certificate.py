@@ -51,7 +51,7 @@ RESOLVED: Final = 1e-2
 """Limit of what may be undetermined of forces, which is less than what meshes leave."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Evidence:
     """The data of a certificate: this rank's part, k nodes of which m are contact nodes; newtons, metres.
 

@@ -101,7 +101,7 @@ def ratio(value: float, scale: float) -> float:
     return value / (scale or 1.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scales:
     """Scales of all bodies together, and of every body and contact point; n bodies, m contact points.
 
@@ -217,7 +217,7 @@ def deformations(e: Evidence, over: Reductions) -> tuple[FloatArray, FloatArray]
     return work, 2.0 * work / np.where(sizes > 0.0, sizes, 1.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FaceScales:
     """Lengths of the bodies that each contact face belongs to and is pressed against, by which errors of its gaps are
     judged: what stands beside them in the model does not count.

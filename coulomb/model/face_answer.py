@@ -10,7 +10,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FaceAnswer:
     """Nodes and facets of a contact face of this rank, with the contact fields as attributes: `face.pressure`.
 

@@ -88,7 +88,7 @@ class FoundationLoad:
         return bool(np.any(self.free[3:]))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LoadedFoundation:
     """A foundation under load at one time.
 

@@ -27,7 +27,7 @@ _ALONG: Final = np.array([0.0, 1.0, 1.0])
 """Of the components along n, t1, t2 those along the surface."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Way:
     """A direction: derivatives of the displacement, shape (k, 3), of the amounts of free motions (q,), of displacement
     and poses (faces, 6) after the load step before, and of factors (faces,) of the motions of foundations."""
@@ -39,7 +39,7 @@ class Way:
     motions: FloatArray | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Terms:
     """(P - J) z, and what else changes with the places along a way; this rank's part.
 

@@ -29,7 +29,7 @@ from .stopping_criterion import directions_on_supports
 from .transposed_terms import TransposedTerms
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Gradient:
     """What a function J of an answer owes to fields of the problem; this rank's part.
 
@@ -118,7 +118,7 @@ class Gradient:
         return self.lagrangian.along_places()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Lagrangian:
     """J with the equations of an answer, by their multipliers, as a function of the problem.
 

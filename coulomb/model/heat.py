@@ -70,7 +70,7 @@ class HeatFlow:
         return "heat_" + "_".join(" ".join(words).split())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Heat:
     """Temperatures and heat flows; this rank's k nodes and m contact points.
 
@@ -131,7 +131,7 @@ class Heat:
         }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Through:
     """What contact adds: averages of temperature over the faces `on` (m, nodes), and their `difference` to those
     opposite, distributed; conductances (m,) in W/K, and changes of temperature (m,) of what is opposite but no body.

@@ -137,7 +137,7 @@ def touching(gap: FloatArray, before: FloatArray, extent: float, held: npt.NDArr
     return gap - np.where(rounded, np.minimum(before, 0.0), 0.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class OtherNodes:
     """Nodes of a contact face that are no contact points; this rank's q.
 

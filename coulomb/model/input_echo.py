@@ -32,7 +32,7 @@ _ROUNDING: Final = 1e-12
 """Part of the sum of all nodal forces up to which a resultant is zero."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LoadResultant:
     """A load and its resultant at the time of its largest amplitude.
 

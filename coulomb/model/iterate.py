@@ -52,7 +52,7 @@ _OPPOSITE: Final = 1e-6
 """One more than the cosine of the angle of two normals, at least: forces are not carried between opposite ones."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CarriedForces:
     """Contact forces, space vectors in newtons, and the normals of their places, at this rank's points of states,
     shapes (m, 3); 0 at points without."""

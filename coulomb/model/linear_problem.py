@@ -131,7 +131,7 @@ _UNMOVED: Final = 1e-10
 """Motion of a contact point, in a free motion of a metre, that is a rounding error."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ContactState:
     """A contact problem at one time; this rank's m contact points.
 

@@ -49,7 +49,7 @@ def _or_none(largest: float) -> float:
     return 0.0 if largest == -math.inf else largest
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Accumulated:
     """What m contact nodes have gone through since the start of the history; zero at first.
 
@@ -91,7 +91,7 @@ ACCUMULATED = names(shown="history")
 """Their names in contact.xdmf."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class NodalAnswer:
     """An answer at this rank's m contact nodes; newtons and metres.
 

@@ -52,7 +52,7 @@ class Probe:
         return f"probe {self.name!r}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ProbeValue:
     """Values at a probe.
 

@@ -19,7 +19,7 @@ from ..fem.bodies import NodalForces
 from ..linalg.reductions import Reductions
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Resultant:
     """Force and moment of a load or a support on the body.
 
@@ -66,7 +66,7 @@ class BodyBalance:
         return {"name": self.name, "contact_force": force, "contact_moment": moment, "balance": self.balance}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RigidFaceMotion:
     """The motion of a rigid face, and what holds it; or of a foundation under load, and what contact does on it.
 

@@ -30,7 +30,7 @@ from .nodal_answer import NodalAnswer
 from .sensitivity_totals import Derived, contact_totals, other_totals
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sensitivity:
     """What an answer owes to one input.
 
@@ -80,7 +80,7 @@ def refuse(problem: DiscreteProblem) -> None:
         raise ValueError("the sensitivities of a history are not known where friction depends on the slip rate")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Input:
     """The change of a problem along the logarithm of an input: bounds of friction in newtons (m,), gaps and the
     displacements from which slip counts in metres (m, 3), and loads and prescribed displacements, where they change;
@@ -252,7 +252,7 @@ class _Answer:
         return way[:count].reshape(-1, 3), self._over.total(way[count:])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Right:
     """The right-hand side of the derivative's equations: loads, gaps and slip origins in metres (m, 3), bounds in
     newtons (m,), loads along free motions (q,); and the geometric terms in it."""
@@ -272,7 +272,7 @@ class _Right:
         return _Right(loading, self.c + terms.c, self.bound + terms.bound, self.e + terms.e, terms)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Solved:
     """The linear problem along an input, the derivative of its answer, and of the displacement, metres, (k, 3)."""
 

@@ -18,7 +18,7 @@ from .nodal_answer import OPEN, NodalAnswer
 from .resultants import Resultant, resultants
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Derived:
     """The derivative of an answer along an input.
 

@@ -36,7 +36,7 @@ _ROUNDS: Final = 12
 """Inverse iterations for the mode."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Stability:
     """In how many directions an equilibrium is unstable.
 

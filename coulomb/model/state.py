@@ -81,7 +81,7 @@ class Energy:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Forces:
     """Displacement and forces at this rank's k nodes at one time, shapes (k, 3); metres and newtons.
 
@@ -124,7 +124,7 @@ def coefficients_work(then: Forces, now: Forces, over: Reductions) -> float:
     return 0.5 * (over.dot(then.displacement, now.kept) - over.dot(now.displacement, then.kept))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Earlier:
     """Time and `State.force_on_body` of the step before the last one, from which forces are extrapolated."""
 
@@ -132,7 +132,7 @@ class Earlier:
     force_on_body: FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class State:
     """The state after a step, from which the next begins; this rank's part.
 

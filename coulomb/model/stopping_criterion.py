@@ -117,7 +117,7 @@ _FAR: Final = 10.0
 """Displacements beyond this many times the extent of the bodies are worth a word where a solver fails."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CertifiedAnswer:
     """The result of a solver's forces.
 

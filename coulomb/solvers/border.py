@@ -24,7 +24,7 @@ from ..arrays import FloatArray
 from .contact_equations import ContactDerivative, ContactEquations
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Border:
     """The points on a border at forces x with w = A x - b; this rank's part.
 

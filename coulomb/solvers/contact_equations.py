@@ -30,7 +30,7 @@ from ..linalg.reductions import Reductions
 from .laws import FrictionLaw
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ContactDerivative:
     """The equations and their derivative at one point; this rank's m nodes.
 
@@ -51,7 +51,7 @@ class ContactDerivative:
         return np.einsum("iab,ib->ia", self.P, dx) + np.einsum("iab,ib->ia", self.Q, dw)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ContactEquations:
     """The equations of a problem.
 

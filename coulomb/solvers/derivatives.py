@@ -52,7 +52,7 @@ _SLIGHT: Final = 1e-3
 """Derivative of the forces over these below which its accuracy is absolute: some are rounding errors."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Change:
     """The derivative of a problem along a parameter.
 
@@ -67,7 +67,7 @@ class Change:
     e: FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Derivative:
     """The derivative of an answer along a parameter.
 

@@ -200,7 +200,7 @@ class LimitLoad:
         return forces, gain, friction, bounded
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Found:
     """Answer of the linear programme."""
 

@@ -44,7 +44,7 @@ _UNDILUTED: Final = 10.0
 """x^T A x over a |x|^2, times this, from which on forces count as felt by A in full."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FrictionProblem:
     """Contact forces x with x_n >= lower and |x_t| <= r(x_n), and with w = A x - b at every contact node
 

@@ -23,7 +23,7 @@ _PATIENCE: Final = 1000  # steps without a better residual after the certificate
 _ON_CIRCLE: Final = 1.0 - 1e-13  # a projected point lies on its circle up to rounding
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Split:
     """The gradient at x, split into its parts on free and on active unknowns.
 

@@ -32,7 +32,7 @@ _ALIKE: Final = 1e-12
 """Relative difference up to which numbers of nodes are the same: they are rounded in files."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FrictionLaw:
     """The bound of the friction force of every contact node of this rank.
 

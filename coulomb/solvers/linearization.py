@@ -21,7 +21,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray, side_by_side, squares
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Linearization:
     """The nodal numbers of a Newton system.
 

@@ -190,7 +190,7 @@ class OuterStep:
     seconds: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SolverResult:
     """Answer of a problem with friction.
 

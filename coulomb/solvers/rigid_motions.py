@@ -29,7 +29,7 @@ _FREE: Final = 1e-6
 """Singular values of G below this part of the largest belong to motions that contact does not resist."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RigidMotions:
     """Rigid motions, and the loads that contact forces have to balance along them.
 
@@ -84,7 +84,7 @@ class RigidMotions:
         over.require(count in (0, *q), f"rigid: names must be one per motion ({q[0]}), or none, but are {count}")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MotionBasis:
     """The motions that some of the contact unknowns resist, made orthonormal, and those that none of them does.
 
@@ -141,7 +141,7 @@ class MotionBasis:
         return math.hypot(float(np.linalg.norm(resisted)), float(np.linalg.norm(free)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Equilibrium:
     """Whether contact can balance the loads of floating bodies.
 

@@ -43,7 +43,7 @@ _MIXED: Final = 100.0
 """Largest over smallest compliance from which on contacts are told apart."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ContactScales:
     """Compliances of contacts and the bodies to which they belong; this rank's part.
 

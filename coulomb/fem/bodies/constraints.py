@@ -205,7 +205,7 @@ HELD_OBLIQUE = "held_oblique"
 """Field of the files, of bodies that are held along directions other than the axes: see `HeldDirections.fields`."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class HeldDirections:
     """The held directions of this rank's `count` nodes, as projectors.
 
@@ -279,7 +279,7 @@ class HeldDirections:
         return HeldDirections(len(diagonal), nodes, H)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PrescribedRows:
     """Rows d . u = value, those of a node independent of each other.
 
@@ -380,7 +380,7 @@ _MUCH_FARTHER: Final = 5.0
 """How many times as far as prescribed a node is moved by directions at less than 12 degrees."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SupportedNodes:
     """What a support prescribes by itself at this rank's q nodes.
 

@@ -23,7 +23,7 @@ from ..meshes import facet_columns, lagrange_points, lagrange_values
 from .constraints import Numbering
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Vertices:
     """The vertices of a mesh: linear displacements on it, and the node of each vertex of this rank, shape (v,)."""
 

@@ -24,7 +24,7 @@ from .reduction import Reduction
 from .rigid_modes import component_modes, of_components
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Reduced:
     """The stiffness in the unknowns, N/m.
 
@@ -39,7 +39,7 @@ class Reduced:
     anchoring: FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class AddedSprings:
     """Springs beside those of the bodies.
 
@@ -72,7 +72,7 @@ class AddedSprings:
         return forces
 
 
-@dataclass
+@dataclass(eq=False)
 class Made:
     """What follows from the coefficients of the stiffness and from supports: made when it is asked for, thrown away
     when these change.

@@ -32,7 +32,7 @@ _DIFFERENCE: Final = 1e-4
 """Step in radians of the differences that second derivatives are."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FiniteMotion(FaceMotion):
     """The motion of a rigid face with a finite rotation; `motions`, `given_part` and `spread` are of changes of its six
     components, and `values` of these.

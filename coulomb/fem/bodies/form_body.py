@@ -29,7 +29,7 @@ from .mesh_components import mesh_components
 from .rigid_modes import component_modes, of_components, rigid_modes
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FormValues:
     """The values of the coefficients of a form at one time, on this rank: functions with ghosts, constants packed."""
 

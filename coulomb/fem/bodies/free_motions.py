@@ -98,7 +98,7 @@ _TIDY: Final = 1e-9
 """Components of directions below this are rounding errors."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FreeMotion:
     """A rigid motion of a component: translation (3,) of its centre in metres, and rotation (3,) in radians."""
 
@@ -138,7 +138,7 @@ class FreeMotion:
         return f"spins about {direction_in_words(self.rotation)} through ({place}){screw}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class OpenedPart:
     """What moves as one where openings part a component: its name in messages, the number of the component, and in each
     of the p openings its translation in metres and its rotation in radians times its radius, shape (6, p)."""
@@ -158,7 +158,7 @@ class OpenedPart:
         return replace(found, translation=found.translation + there, rotation=found.rotation + whole.rotation)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FreeMotions:
     """The free rigid motions of a body, q of them, linearly independent; those of a component follow each other.
 

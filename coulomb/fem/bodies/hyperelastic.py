@@ -77,7 +77,7 @@ class _SupportedBody(LoadedBody):
         return values
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Turning:
     """A point load of which the point moves with the nodes of its face: `PointLoad.units`, and the point before."""
 

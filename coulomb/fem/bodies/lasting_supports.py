@@ -10,7 +10,7 @@ from typing import Final, Protocol
 from ...arrays import FloatArray, is_number
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class End:
     """The end of a load step: its time, the displacements of this rank's nodes, metres, shape (k, 3), and in large
     motions the rotation vectors of all rigid faces, radians, shape (faces, 3)."""

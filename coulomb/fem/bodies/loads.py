@@ -33,7 +33,7 @@ from .materials import Materials, constant_of_cells, three
 from .rigid_modes import displacements_of
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class NodalForces:
     """Forces on the body at this rank's k nodes, of one load, support or spring.
 
@@ -298,7 +298,7 @@ class VolumeForce:
         return body.volume_load(evaluate_vectors(self.value, body.x, load_title(self), mesh.comm), inside)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class AppliedLoad:
     """A load on a mesh: its nodal forces in newtons at the factor 1, shape (k, 3), and its size in words, where forces
     do not show it."""
@@ -327,7 +327,7 @@ TEMPERATURE = "temperature_change"
 """Its name in solution.xdmf and summary.json."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Temperature:
     """Temperature of a body at a time; this rank's k nodes.
 
@@ -459,7 +459,7 @@ def shown_range(found: Mapping[str, float]) -> str:
     return f"temperature change {low:.6g} K" if same else f"temperature change from {low:.6g} to {high:.6g} K"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Loading:
     """Loads and prescribed displacements of a body at a time; this rank's k nodes.
 

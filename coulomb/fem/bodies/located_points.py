@@ -36,7 +36,7 @@ _NEWTON_STEPS: Final = 30
 Ints = npt.NDArray[np.int64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Interpolation:
     """Nodes (p, n) among this rank's, ghosts included, and their weights, by which a nodal field is interpolated at
     points; 0 for points that another rank interpolates."""
@@ -50,7 +50,7 @@ class Interpolation:
         return comm.allreduce(mine)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LocatedPoints:
     """Points of a body; the same on every rank, except the interpolations.
 

@@ -44,7 +44,7 @@ VECTORS = (*ORTHOTROPIC, ORTHOTROPIC_EXPANSION)
 FIELDS = (*ISOTROPIC, EXPANSION, *VECTORS)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Directional:
     """Orthotropic constants of c cells; isotropic cells have three equal ones.
 
@@ -61,7 +61,7 @@ class Directional:
     axes: FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CellMaterials:
     """Elastic constants of this rank's own c cells.
 

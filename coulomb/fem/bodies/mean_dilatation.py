@@ -120,7 +120,7 @@ def mean_dilatation(V: Any, dx: Any, chosen: npt.NDArray[np.bool_], bulk: FloatA
     return CellProducts(V, cells, b, bulk[cells] / volume, volume, form)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Place:
     """The tension of cells and the products at a displacement of this rank's nodes and ghosts."""
 

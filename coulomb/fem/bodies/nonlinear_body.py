@@ -35,7 +35,7 @@ from .mean_dilatation import CellProducts, tabulated
 from .rigid_modes import component_modes
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Place:
     """Where a body is linearised.
 

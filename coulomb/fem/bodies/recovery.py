@@ -66,7 +66,7 @@ _AT_ONCE: Final = 1000
 """Cells at a time, so that little memory is needed: some 40 kB for each."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StressError:
     """The estimated error of the stress of a body; this rank's own c cells.
 

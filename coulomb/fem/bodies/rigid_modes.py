@@ -16,7 +16,7 @@ SMALL: Final = 1e-3
 """Parts of loads and directions below this are not worth a word."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RigidLoad:
     """Force and moment of loads along the free motions of a component.
 
@@ -77,7 +77,7 @@ def tidy(vector: FloatArray, size: float) -> FloatArray:
     return np.where(np.abs(vector) < SMALL * size, 0.0, vector) + 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RigidPart:
     """A component of a body: the mean of its nodes (3,) and the root mean square of their distances from it, metres."""
 
@@ -161,7 +161,7 @@ def nearest_turn(x: FloatArray, y: FloatArray, comm: MPI.Comm) -> tuple[FloatArr
     return from_, to, turn
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Wrench:
     """A force and a moment of which the directions do not turn, at a point that moves with a face.
 

@@ -95,7 +95,7 @@ class GivenBolt:
         return factor * float((self.shortening if self.force is None else self.force) or 0.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FaceMotion:
     """The motion of a rigid face.
 
@@ -190,7 +190,7 @@ def moved_at(motions: FloatArray, r: FloatArray) -> FloatArray:
     return displacements_of(r, np.ones(len(r))) @ motions
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Section:
     """The section of a bolt, whose own unknown is along it.
 
@@ -215,7 +215,7 @@ class Section:
     shortening: float = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Prescribed:
     """By how much nodes are prescribed to be apart from what they follow.
 
@@ -237,7 +237,7 @@ class Prescribed:
         return self.amounts @ on_all_ranks(factors, "", comm)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Tie:
     """Two faces that are tied to each other; this rank's slave nodes.
 
@@ -329,7 +329,7 @@ class Follower(Lasting, Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Bolt:
     """The section of a bolt: its slave face, its middle (3,) in metres, its direction out of that face (3,), by how
     much it is shortened, metres, and whether that is given."""

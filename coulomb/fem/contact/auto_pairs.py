@@ -339,7 +339,7 @@ def _opposite(
     return pairs, facets
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _AllFacets:
     """The outer facets of all bodies and ranks.
 

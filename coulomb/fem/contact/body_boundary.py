@@ -44,7 +44,7 @@ Face = tuple[int, npt.NDArray[np.int32]]
 """The number of a body and facets of it."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BodyBoundary:
     """What this rank owns of a body, before deformation.
 

@@ -105,7 +105,7 @@ PIECES: Final = {
 """Corners of the four pieces of second-order facets, each with a normal of its own."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Facets:
     """The facets of a face, of all ranks.
 
@@ -228,7 +228,7 @@ def gathered(space: DisplacementSpace, nodes: IntArray, values: FloatArray) -> F
     return np.concatenate(space.comm.allgather(here))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Hits:
     """Where lines (q,) meet a face first; the nearest place of each, before its start or behind it.
 

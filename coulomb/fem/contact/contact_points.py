@@ -202,7 +202,7 @@ _NO_WEIGHT: Final = 1e-14
 """Weights below this are rounding errors."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ContactPoints:
     """This rank's m contact points.
 

@@ -219,7 +219,7 @@ _OFF_SURFACE: Final = 0.1
 """Distance of a corner from a given surface over its facet's diameter above which that is the wrong surface."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FacetPatch:
     """Facets of a face with the nodes of the displacements on them.
 

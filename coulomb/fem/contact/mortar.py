@@ -101,7 +101,7 @@ def _halfway(slave: FacetPatch, chord: FloatArray) -> FloatArray:
     return 0.5 * fitting * np.minimum(1.0, (own / (ROUND * slave.diameters)) ** 2)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SlaveFunctions:
     """The functions lambda_j, on every facet a combination of its functions.
 
@@ -196,7 +196,7 @@ def search_of(slave: FacetPatch, master: FacetPatch, deepest: float = np.inf) ->
     return Search.of(float(np.min(tree.query(slave.x.mean(axis=1))[0])), extents, deepest)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MortarRows:
     """The contact points of a pair of faces on this rank, m of them, in the order of their nodes.
 

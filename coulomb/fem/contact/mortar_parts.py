@@ -100,7 +100,7 @@ _SLIVER: Final = 1e-13
 """Share of a facet's area below which a common part is a rounding error."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Cells:
     """The convex polygons of a patch: its facets, or the pieces of curved ones.
 
@@ -170,7 +170,7 @@ def cells_of(patch: FacetPatch) -> Cells:
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Parts:
     """Common parts of pairs of cells, polygons in the frames of the slave cells.
 

@@ -35,7 +35,7 @@ _LEAST_BENT: Final = 0.05
 """Covered share of a facet below which its averages do not continue the distance (`mortar.LEAST_DUAL`)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Segments:
     """Integrals over the common parts; f slave facets with n functions N.
 

@@ -34,7 +34,7 @@ _ON: Final = 0.1
 """Part of the chord by which nodes may be off a foundation on which they are."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FaceSamples:
     """The f facets of a face that this rank owns.
 
@@ -135,7 +135,7 @@ _SAMPLES: Final = 256
 """Places in all from which the distance of the two faces is estimated first."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class NearFace:
     """Facets of one face, of any ranks, with numbers of their nodes among themselves.
 

@@ -278,7 +278,7 @@ def curved_patch(
     return patch.smoothed(smooth_normals(patch, held, starts_of(comm, space.numbering.local), comm))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Pair:
     """Geometry of a pair of faces before deformation; this rank's m contact points, on the slave face.
 

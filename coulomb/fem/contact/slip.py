@@ -35,7 +35,7 @@ _PARALLEL: Final = 1e-4
 """Angle in radians of two normals below which chord and arc are equal to rounding: its square over 24 is 4e-10."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FaceMotion:
     """Where the nodes of the contact faces were on their foundations at the start of a load step.
 

@@ -20,7 +20,7 @@ _LINES: Final = 2048
 """Lines searched at once, so that memory stays small."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SphereTree:
     """Spheres around facets, around groups of them, and so on up to one.
 

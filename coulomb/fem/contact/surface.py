@@ -59,7 +59,7 @@ _RAY_STEPS: Final = 20
 """Maximum Newton steps along a ray, far more than needed for a ray that meets the foundation."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ContactSurface:
     """Contact points of this rank (perhaps none), in the order of their rows in B.
 

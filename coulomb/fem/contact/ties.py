@@ -138,7 +138,7 @@ def tying_functions(kind: FacetKind) -> FloatArray:
     return span
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TiedRows:
     """What m slave nodes follow: their displacement is `weights` times that of slave nodes that are not tied, plus
     `opposite` times that of master nodes.

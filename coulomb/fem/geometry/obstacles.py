@@ -303,7 +303,7 @@ class Rotation:
             check_angle("rotation: angle", self.angle)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Turn:
     """A rotation by an angle in radians, right-handed, about the axis of length 1 through a point in metres, shapes
     (3,); more than a whole turn counts."""
@@ -325,7 +325,7 @@ class Turn:
         return np.eye(3) + np.sin(self.angle) * cross + (1.0 - np.cos(self.angle)) * cross @ cross
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RigidMotion:
     """Rigid motion of a foundation from the place where it is given: a turn, if it has a `Rotation`, then a translation
     (3,) in metres."""
@@ -405,7 +405,7 @@ def moved(foundation: RigidFoundation, motion: RigidMotion) -> RigidFoundation:
     return Moved(foundation, motion) if motion.turn is not None or np.any(motion.translation) else foundation
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Spin:
     """The axis of a rotating foundation at the end of a load step, and the rotation in the step.
 

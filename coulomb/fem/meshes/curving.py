@@ -196,7 +196,7 @@ def _boundary(mesh: NamedMesh, facets: npt.NDArray[np.int32] | None = None) -> t
     return np.concatenate(comm.allgather(number)), np.concatenate(comm.allgather(x))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CurvedFaces:
     """The boundary of curved second-order cells as that for which first-order facets with corners on it stand: a
     `RigidFoundation` as far as these ask, in their corners and in the middles of their edges and of themselves.

@@ -34,7 +34,7 @@ _CURVED = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class InspectedMesh:
     """A mesh without faults.
 

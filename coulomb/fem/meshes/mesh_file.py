@@ -61,7 +61,7 @@ _TOO_HIGH = "export second-order cells (in gmsh: Mesh.ElementOrder = 2)"
 _ONE_KIND = "mesh the body with tetrahedra alone or hexahedra alone"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MeshFile:
     """A mesh of one cell type as a file has it.
 
@@ -85,7 +85,7 @@ class MeshFile:
     numbers: IntArray | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SectionFile:
     """What a file of a mesh in 2D holds.
 

@@ -29,7 +29,7 @@ Planes = tuple[FloatArray, FloatArray, FloatArray]
 """Of a box, the coordinates of the planes between its cells along x, y and z, ends included, metres."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Grid:
     """How a box was made.
 
@@ -46,7 +46,7 @@ class Grid:
     make: Callable[[Planes], NamedMesh]
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class NamedMesh:
     """A mesh of a body, of degree 1 or 2, whose boundary faces, and perhaps groups of cells, have names.
 

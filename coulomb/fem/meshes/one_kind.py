@@ -43,7 +43,7 @@ _FACES: Final = {
 """Corners of the faces, in order round each."""
 
 
-@dataclass
+@dataclass(eq=False)
 class OneKind:
     """Cells of one kind.
 

@@ -256,7 +256,7 @@ _MOST_GROUPS: Final = 1000
 """More different numbers on cells or facets are no groups, but numbers of the cells."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Grid:
     """This rank's cells or facets of a Grid, with its share of the points to which they refer."""
 

@@ -38,7 +38,7 @@ MARGIN: Final = 0.015
 """Empty border on each side, over width and height: room for the width of lines."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Camera:
     """A camera of VTK's.
 
@@ -222,7 +222,7 @@ def automatic_scale(run: Run) -> float:
     return round_down(min(0.05 * size / largest, 0.5 / stretch if stretch > 0.0 else np.inf))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Shot:
     """A rendered picture.
 
