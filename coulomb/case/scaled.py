@@ -28,6 +28,12 @@ class NotScaled(ValueError):
     """An input that is not one number or function of the case, with the reason."""
 
 
+def lengths(case: Case) -> list[str]:
+    """The names of the lengths of boxes."""
+    tables = [("", case.mesh), *((f" of {one.name!r}", one) for one in case.body)]
+    return [f"length {axis}{of}" for of, one in tables if one is not None and one.box is not None for axis in "xyz"]
+
+
 def scaled(case: Case, name: str, factor: float) -> Case:
     """The case with an input times a factor.
 
@@ -111,6 +117,16 @@ def _known(case: Case, kind: str, face: str, factor: float) -> dict[str, Any]:
             for one in case.body
         )
         return {"body": bodies} if bodies != case.body else {}
+    if kind.startswith("length "):
+        axis = "xyz".index(kind[-1])
+
+        def stretched(table: Any) -> Any:
+            box = tuple(factor * one if k == axis else one for k, one in enumerate(table.box))
+            return table.model_copy(update={"box": box})
+
+        if not face:
+            return {"mesh": stretched(case.mesh)}
+        return {"body": tuple(stretched(one) if one.name == face else one for one in case.body)}
     return {}
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
+from functools import cache, cached_property, partial
 from typing import Any, Final
+
+from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..case.case import Case
-from ..case.scaled import NotScaled, scaled
+from ..case.scaled import NotScaled, lengths, scaled
 from ..io.error_bars import ComparisonHistories, error_of
 from ..io.other_meshes import NoErrorBars
 from ..linalg.reductions import Reductions
@@ -18,7 +20,7 @@ from ..model.load_history import StepFailed
 from ..model.load_step import LoadStep
 from ..model.problem import ContactProblem
 from ..model.provenance import timed
-from ..model.sensitivity import Sensitivity, sensitivity_entries
+from ..model.sensitivity import Posed, Sensitivity, sensitivities, sensitivity_entries, why_no_others
 from ..model.solution import Solution
 from ..solvers.results import NotConverged
 from .console import errors
@@ -62,13 +64,14 @@ class Sensitivities:
     def __init__(self, settings: Case):
         self._settings = settings
         self._asked, self._found = settings.output.sensitivity, list[Sensitivity]()
+        self._posed = dict[str, Posed]()
 
     def of(self, solution: Solution) -> dict[str, Any]:
         if not self._asked:
             return {}
         try:
             with timed(solution.problem.seconds, "sensitivity"):
-                self._found = solution.sensitivities(self._found)
+                self._found = self._of(solution)
             entries = sensitivity_entries(self._found, self._asked)
         except ValueError as reason:
             errors.out(f"warning: output.sensitivity: {reason}")
@@ -82,6 +85,30 @@ class Sensitivities:
                 if found["passed"] is False:
                     errors.out(f"warning: the sensitivity to {one.name}: {found['words']}")
         return entries
+
+    def _of(self, solution: Solution) -> list[Sensitivity]:
+        """With those to lengths of boxes, where they are known; a warning says why not."""
+        others = {} if why_no_others(solution.problem) else self._lengths(solution.problem.comm)
+        try:
+            at = solution.contact_force, solution.displacement, solution.at_nodes
+            return sensitivities(solution.problem, *at, self._found, others)
+        except ValueError as reason:
+            if not others:
+                raise
+            found = solution.sensitivities(self._found)
+            errors.out(f"warning: output.sensitivity: there is none to lengths of boxes: {reason}")
+            return found
+
+    def _lengths(self, comm: MPI.Comm) -> dict[str, Posed]:
+        """Of boxes; problems are posed once for all load steps."""
+
+        @cache
+        def posed(name: str, factor: float) -> ContactProblem:
+            return scaled(self._settings, name, factor).problem(comm)
+
+        if not self._posed:
+            self._posed = {name: partial(posed, name) for name in lengths(self._settings)}
+        return self._posed
 
 
 _FARTHEST: Final = 0.01

@@ -23,6 +23,11 @@ _STEP: Final = 1e-6
 """Largest displacement of the differences over the size of the bodies: errors of order 1e-9, and of rounding 1e-10."""
 
 
+_KINK: Final = 0.1
+_ROUNDING: Final = 1e-12
+"""By how much gaps before and after a change do not add up, over the change and the size of the bodies, from which on
+there is a kink."""
+
 _ALONG: Final = np.array([0.0, 1.0, 1.0])
 """Of the components along n, t1, t2 those along the surface."""
 
@@ -109,6 +114,20 @@ class GeometricTerms:
             closed = closed + problem.surface.rows(way.u)
         return replace(found, load=linear, c=closed, e=-found.e)
 
+    def between(self, more: DiscreteProblem, less: DiscreteProblem, h: float) -> Terms:
+        """By how much they are larger in one of two problems of small strains than in the other, over h, at the forces
+        and displacements of the answer, which is between; collective.
+
+        Raises:
+            ValueError: On every rank, if gaps have a kink.
+        """
+        ends, middle = [self._in(one) for one in (more, less)], self._in(self._problem).c
+        found = ends[0].less(ends[1], 1.0 / h)
+        bent, change = (self._over.max(np.abs(one).ravel()) for one in (ends[0].c + ends[1].c - 2.0 * middle, found.c))
+        if bent > _KINK * h * change + _ROUNDING * self._extent:
+            raise ValueError("gaps have a kink along the change of the problem: derivatives are one-sided")
+        return replace(found, load=-found.load)
+
     def relative(self, alpha: FloatArray) -> FloatArray:
         """The displacement of foundations under load at their contact points, along n, t1, t2, metres, (m, 3)."""
         surface, state = self._problem.surface, self._problem.state
@@ -127,8 +146,11 @@ class GeometricTerms:
         if before is not None and way.poses_before is not None:
             before = replace(before, poses=before.poses + h * way.poses_before)
         factors = None if way.motions is None else 1.0 + h * way.motions
-        there = problem.elsewhere(u, state.poses_after(h * way.alpha), before, factors)
-        v = np.zeros_like(u) if self._large else u
+        return self._in(problem.elsewhere(u, state.poses_after(h * way.alpha), before, factors))
+
+    def _in(self, there: DiscreteProblem) -> Terms:
+        """The same in a problem near to that of the answer; collective."""
+        problem, v = self._problem, np.zeros_like(self._u) if self._large else self._u
         surface, count = there.surface, len(self._x)
         here = problem.surface.places_among(surface.nodes, surface.part)
         known, turn = here >= 0, np.zeros((count, 3, 3))

@@ -20,6 +20,7 @@ from ..linalg.reductions import Reductions
 from ..solvers.derivatives import Change
 from ..solvers.derivatives import gradient as adjoint
 from ..solvers.successive_tresca import Anderson
+from .changed_problem import near
 from .discrete_problem import DiscreteProblem
 from .geometric_terms import GeometricTerms, Way, least_rotations
 from .linear_problem import ContactState
@@ -143,16 +144,9 @@ class Lagrangian:
 
     def of(self, problem: DiscreteProblem) -> float:
         """Its value for a problem near to that of the answer; collective."""
-        answer, over = self.answer, Reductions(self.answer.comm)
         refuse_moving(problem)
-        _refuse_other(answer, problem, over)
-        if problem.time != answer.time or problem.before is not answer.before:
-            at = problem.body.at_time(answer.time)
-            problem = problem.in_state(at.state(answer.time, answer.before), None, answer.before, at)
-        body, surface, loading = problem.elasticity, problem.surface, problem.loading
-        points = [(of.nodes, of.part) for of in (answer.surface, surface)]
-        if over.any(not all(np.array_equal(*of) for of in zip(*points, strict=True))):
-            raise ValueError("between: the problem has other contact points than that of the answer")
+        problem, over = near(self.answer, problem), Reductions(self.answer.comm)
+        body, loading = problem.elasticity, problem.loading
         reduction = body.reduction
         u, v = reduction.displacement(self.u) + loading.prescribed, reduction.displacement(self.v)
         forces = loading.load + body.spring_force(u) - body.internal_force(u)
@@ -205,22 +199,6 @@ class Lagrangian:
 
 _TURNED: Final = 0.1
 """Change of the unit vectors of a frame from which on it is another one: tangents along what holds a node may flip."""
-
-_NEAR: Final = 0.1
-"""Distance of the nodes of near problems over the size of the bodies."""
-
-
-def _refuse_other(answer: DiscreteProblem, problem: DiscreteProblem, over: Reductions) -> None:
-    x, there = answer.elasticity.x, problem.elasticity.x
-    unknowns = [of.elasticity.reduction.points.shape for of in (answer, problem)]
-    if over.any(x.shape != there.shape or unknowns[0] != unknowns[1]):
-        raise ValueError("between: the problem has other nodes than that of the answer")
-    size, apart = max(over.max(axis) - over.min(axis) for axis in x.T), over.max(np.abs(there - x).ravel())
-    if apart > _NEAR * size:
-        raise ValueError(
-            f"between: nodes are up to {apart:g} m from those of the answer: they are numbered otherwise, or the "
-            "problems are not near to each other"
-        )
 
 
 def refuse_moving(problem: DiscreteProblem, large: bool = False) -> None:

@@ -11,7 +11,7 @@ added.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final
@@ -23,11 +23,12 @@ from ..fem.bodies import End, Loading, ThermalLoad, nonlinear
 from ..linalg.reductions import Reductions
 from ..solvers.derivatives import Change, Derivative, derivatives
 from ..solvers.successive_tresca import Anderson
+from .changed_problem import near
 from .contact import SlipRateFriction, VariableFriction
 from .discrete_problem import DiscreteProblem
 from .geometric_terms import GeometricTerms, Terms, Way
 from .nodal_answer import NodalAnswer
-from .sensitivity_totals import Derived, contact_totals, other_totals
+from .sensitivity_totals import Changed, Derived, contact_totals, other_totals
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,10 +95,20 @@ class _Input:
     body: int | None = None
     e: FloatArray | float = 0.0
     motions: FloatArray | None = None
+    changed: Changed | None = None
+
+
+Posed = Callable[[float], DiscreteProblem]
+"""The problem with an input times a factor; collective."""
 
 
 def sensitivities(
-    problem: DiscreteProblem, x: FloatArray, u: FloatArray, answer: NodalAnswer, earlier: Sequence[Sensitivity] = ()
+    problem: DiscreteProblem,
+    x: FloatArray,
+    u: FloatArray,
+    answer: NodalAnswer,
+    earlier: Sequence[Sensitivity] = (),
+    others: Mapping[str, Posed] | None = None,
 ) -> list[Sensitivity]:
     """Of an answer to friction, cohesion, given gaps, loads, prescribed displacements and Young's moduli; collective.
 
@@ -107,10 +118,11 @@ def sensitivities(
         u: and the displacement, metres, shape (k, 3).
         answer: The same at the contact points.
         earlier: Those of the load step before: slip counts from its displacement.
+        others: Other inputs by their names, as lengths.
 
     Raises:
         ValueError: With heat, or friction that depends on the slip rate; in a later load step without those of the step
-            before; if the answer is (nearly) not unique.
+            before; if the answer is (nearly) not unique; with others where they are not known (`why_no_others`).
     """
     refuse(problem)
     before = problem.before
@@ -118,14 +130,32 @@ def sensitivities(
         if not earlier and Reductions(problem.comm).any(bool(np.any(before.displacement))):
             raise ValueError("the sensitivities of a load step follow from those of the step before: give these")
     inputs = _inputs(problem, x, u, answer.given_gap)
-    inputs |= {one.name: _Input() for one in earlier if one.name not in inputs}
     at = _Answer(problem, x, u, answer)
+    inputs |= {name: _Input(changed=at.changed(pose)) for name, pose in (others or {}).items()}
+    inputs |= {one.name: _Input() for one in earlier if one.name not in inputs}
     rising = at.along(inputs, {one.name: one for one in earlier}, 1.0)
     if not rising or not (rising[0].border or any(one.falling for one in earlier)):
         return rising
     falling = at.along(inputs, {one.name: one.falling or one for one in earlier}, -1.0)
     return [replace(up, falling=down) for up, down in zip(rising, falling, strict=True)]
 
+
+def why_no_others(problem: DiscreteProblem) -> str:
+    """Why derivatives along other inputs, by problems with these, are not known; empty if they are."""
+    body, state = problem.elasticity, problem.state
+    constraints = body.constraints
+    sprung = constraints.sprung or any(True for _ in body.spring_forces(np.zeros_like(body.x)))
+    reasons = {
+        "large motions": problem.body.undeformed is not None,
+        "foundations under load": bool(state.loaded),
+        "ties, rigid faces, bolts and springs": bool(constraints.ties) or sprung,
+        "slices": body.slice is not None,
+    }
+    return next((f"they are not known with {reason}" for reason, there in reasons.items() if there), "")
+
+
+_CHANGE: Final = 1e-4
+"""Relative change of other inputs, along which problems have central differences: errors of 1e-8."""
 
 _SETTLED: Final = 1e-7
 NEARLY: Final = 1e-6
@@ -160,7 +190,8 @@ class _Answer:
             step = min(at.owed.step, earlier[name].step if name in earlier else np.inf)
             derived = self._derived(one, of, at, sign)
             totals = contact_totals(self._answer, derived, sign)
-            others = other_totals(self._answer, derived, totals, self._held, self._u)
+            held = self._held if self._large or one.changed is not None else None
+            others = other_totals(self._answer, derived, totals, held, self._u)
             along_frames = derived.x if of.terms is None else derived.x + of.terms.components.ravel()
             of_points = along_frames, derived.u, totals, others
             found.append(Sensitivity(name, *of_points, step, at.owed.border, poses=derived.poses))
@@ -175,15 +206,29 @@ class _Answer:
         poses, then = (self._problem.state.poses_after(alpha) for alpha in (sign * at.owed.alpha, 0.0 * at.owed.alpha))
         way = None if poses is None or then is None else poses - then
         c = of.c + self._terms.relative(sign * at.owed.alpha)
-        return Derived(at.problem, sign * at.owed.x, at.u, way, c, of.terms, pulled, moved, spring, one.body)
+        x, changed = sign * at.owed.x, one.changed
+        return Derived(at.problem, x, at.u, way, c, of.terms, pulled, moved, spring, one.body, changed)
+
+    def changed(self, pose: Posed) -> Changed:
+        """What a change of another input does at the forces and displacements of the answer; collective."""
+        if why := why_no_others(self._posed_at):
+            raise ValueError(f"sensitivities to other inputs: {why}")
+        more, less = (near(self._posed_at, pose(1.0 + h)) for h in (0.5 * _CHANGE, -0.5 * _CHANGE))
+        terms = self._terms.between(more, less, _CHANGE)
+        energies = [
+            np.array([one.body.strain_energy(self._u[one.nodes]) or 0.0 for one in of.elasticity.members])
+            for of in (more, less)
+        ]
+        change, way = (energies[0] - energies[1]) / _CHANGE, (more.elasticity.x - less.elasticity.x) / _CHANGE
+        return Changed(terms, tuple(change), way)
 
     @cached_property
-    def _held(self) -> FloatArray | None:
-        """The forces of supports, newtons, shape (k, 3), where places move, which are then those of the problem."""
-        if not self._large:
-            return None
+    def _held(self) -> FloatArray:
+        """The forces of supports, newtons, shape (k, 3); where places move, these are then those of the problem."""
         problem, body = self._posed_at, self._posed_at.elasticity
         imbalance = problem.surface.at_nodes(self._x) - problem.loading.load
+        if not self._large:
+            imbalance += body.internal_force(self._u) - body.spring_force(self._u)
         return body.held.held_part(imbalance - body.constraints.forces(imbalance, problem.time))
 
     def _posed(self, one: _Input, earlier: Sensitivity | None) -> _Right:
@@ -194,6 +239,7 @@ class _Answer:
             loading = _continued(problem, loading or self._still, earlier.displacement)
             origin[:, 1:] += surface.rows(earlier.displacement)[:, 1:]
         right = _Right(loading or self._still, origin, np.zeros(len(origin)) + one.bound, one.e)
+        right = right if one.changed is None else right.and_(one.changed.terms)
         return right if self._moves or one.motions is None else right.and_(self._terms.along(self._way(one, earlier)))
 
     def _way(self, one: _Input, earlier: Sensitivity | None) -> Way:

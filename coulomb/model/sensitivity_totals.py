@@ -19,6 +19,21 @@ from .resultants import Resultant, resultants
 
 
 @dataclass(frozen=True, eq=False)
+class Changed:
+    """What a change of the problem does at the forces and displacements of the answer.
+
+    Attributes:
+        terms: To its equations.
+        energies: To the strain energy of every body, joules.
+        way: To the places of nodes, metres, shape (k, 3).
+    """
+
+    terms: Terms
+    energies: tuple[float, ...]
+    way: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class Derived:
     """The derivative of an answer along an input.
 
@@ -33,6 +48,7 @@ class Derived:
         moved: or motions of rigid faces.
         spring: The number of the spring whose stiffness is the input, and its forces, newtons, (k, 3); None of others.
         body: The number of the body whose modulus is the input; None of others.
+        changed: What the input changes in the problem itself; None if it does not.
     """
 
     problem: DiscreteProblem
@@ -45,6 +61,7 @@ class Derived:
     moved: bool
     spring: tuple[int, FloatArray] | None
     body: int | None
+    changed: Changed | None
 
 
 def contact_totals(at: NodalAnswer, derived: Derived, sign: float) -> dict[str, dict[str, Any]]:
@@ -91,7 +108,7 @@ def other_totals(
         at: The answer at the contact points.
         derived: Its derivative.
         totals: Of the contacts.
-        held: The forces of supports on places that move, newtons, shape (k, 3); None in small strains.
+        held: The forces of supports on places that move, newtons, shape (k, 3); None where they do not.
         u: The displacement, metres, shape (k, 3).
     """
     changed, du = derived.problem, derived.u
@@ -108,11 +125,12 @@ def other_totals(
         springs[number] = replace(springs[number], forces=springs[number].forces + forces)
     of = resultants(chain(body.shares(reaction), springs), body.x, over)
     if held is not None:
-        arms = resultants(chain(body.shares(held), body.spring_forces(u)), du, over)
+        way = du if derived.changed is None else derived.changed.way
+        arms = resultants(chain(body.shares(held), body.spring_forces(u)), way, over)
         of = tuple(replace(one, moment=one.moment + arm.moment) for one, arm in zip(of, arms, strict=True))
     entries: dict[str, dict[str, dict[str, Any]]] = {
         "reactions": {one.name: _moments(one) for one in of},
-        "probes": _probes(at, derived),
+        "probes": {} if derived.changed else _probes(at, derived),
         "bodies": _strained(derived, u, over),
     }
     if constraints.ties:
@@ -144,6 +162,7 @@ def _strained(derived: Derived, u: FloatArray, over: Reductions) -> dict[str, di
         if energy is not None:
             change = over.dot(one.body.strain_force(u[one.nodes]), derived.u[one.nodes])
             of_stiffness = over.copies * energy if number == derived.body else 0.0
+            of_stiffness += over.copies * derived.changed.energies[number] if derived.changed else 0.0
             found[one.name] = {"strain_energy": change + of_stiffness}
     return found
 

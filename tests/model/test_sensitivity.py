@@ -200,6 +200,7 @@ def test_on_the_command_line_and_where_it_is_refused(tmp_path):
     by = {entry["input"]: entry["totals"]["bottom"] for entry in entries}
     assert by["total force on 'top'"]["normal_force"] == pytest.approx(1e6, rel=1e-9)
     assert by["total force on 'top'"]["force"] == pytest.approx([-1e5, 0.0, 1e6], rel=1e-9, abs=1e-3)
+    assert [by[f"length {axis}"]["normal_force"] for axis in "xyz"] == pytest.approx([0.0] * 3, abs=0.1)
     refused = run_coulomb("run", case, "--verify", cwd=tmp_path, code=2)
     assert "verify is about sensitivity: give both" in refused.stderr
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import coulomb
+from coulomb.model.sensitivity import sensitivities, why_no_others
 
 
 def sprung(stiffness=1.0, pushed=1.0, young=1.0):
@@ -78,6 +79,65 @@ def test_strain_energy_and_pressures_of_a_block_under_given_forces():
     )
     assert change == pytest.approx((more - less) / (2.0 * h), abs=1e-6 * np.linalg.norm(place))
     assert np.linalg.norm(change) > 1e-4
+
+
+def test_along_lengths_of_a_box():
+    """Pressed by a way w, N = E a b w/c with energy N w/2 and the centre of pressure in the middle: exact without
+    Poisson's ratio.  With it, and friction, central differences; the ball is a length as well."""
+
+    def pressed(x=1.0, y=1.0, z=1.0, ball=1.0, poisson=0.0, aside=0.0):
+        return coulomb.ContactProblem(
+            coulomb.box((1.0 * x, 2.0 * y, 0.5 * z), (2, 3, 2)),
+            coulomb.Material(1e9, poisson),
+            [coulomb.PrescribedDisplacement("top", (aside, 0.0, -1e-3))],
+            coulomb.Contact(
+                "bottom",
+                friction=0.3,
+                cohesion=1e4 * aside / 1e-3,
+                foundation=coulomb.Sphere((0.5, 1.0, -500.0 * ball), 500.0 * ball) if aside else None,
+            ),
+            [coulomb.Pressure("right", 5e8 * aside)],
+            small_strain="warn",
+        )
+
+    def along(answer, names, **given):
+        others = {name: lambda factor, name=name: pressed(**{name: factor}, **given) for name in names}
+        of = answer.problem, answer.contact_force, answer.displacement, answer.at_nodes
+        return {one.name: one for one in sensitivities(*of, others=others) if one.name in others}
+
+    found, force = along(pressed().solve(), "xyz"), 1e9 * 2.0 * 1e-3 / 0.5
+    for name, power in (("x", 1.0), ("y", 1.0), ("z", -1.0)):
+        totals, others = found[name].totals["bottom"], found[name].others
+        assert totals["normal_force"] == pytest.approx(power * force, rel=1e-7)
+        assert totals["contact_area"] == pytest.approx(max(power, 0.0) * 2.0, abs=1e-7)
+        assert totals["mean_pressure"] == pytest.approx(min(power, 0.0) * force / 2.0, abs=1e-7 * force)
+        assert others["bodies"][""]["strain_energy"] == pytest.approx(power * force * 5e-4, rel=1e-7)
+        middle = np.array([0.5 * (name == "x"), name == "y", 0.0])
+        assert totals["centre_of_pressure"] == pytest.approx(middle, abs=1e-7)
+        (reaction,) = others["reactions"].values()
+        change = power * np.cross([0.5, 1.0, 0.5], [0.0, 0.0, -force]) + np.cross(middle, [0.0, 0.0, -force])
+        assert reaction["moment"] == pytest.approx(change, abs=1e-6 * force)
+    given, h = {"poisson": 0.3, "aside": 4e-4}, 1e-5
+    answer = pressed(**given).solve(tolerance=1e-12)
+    assert len(np.unique(answer.at_nodes.status)) == 3
+    for name, one in along(answer, ("x", "y", "z", "ball"), **given).items():
+        assert one.step > h
+        more, less = (pressed(**{name: 1.0 + d}, **given).solve(tolerance=1e-12) for d in (h, -h))
+        change = (more.contact_force - less.contact_force) / (2.0 * h)
+        assert one.contact_force == pytest.approx(change, abs=1e-5 * np.abs(change).max()), name
+        for key in ("force", "moment", "dissipated_energy", "centre_of_pressure", "mean_pressure"):
+            pressure = key == "mean_pressure"
+            of = [
+                np.array(one.forces["normal_force"] / one.forces["contact_area"] if pressure else one.forces[key])
+                for one in (more, less)
+            ]
+            change = (of[0] - of[1]) / (2.0 * h)
+            size = max(np.abs(change).max(), np.abs(of[0]).max())
+            assert one.totals["bottom"][key] == pytest.approx(change, abs=1e-5 * size), (name, key)
+
+
+def test_where_lengths_are_not_known():
+    assert "not known with ties, rigid faces, bolts and springs" in why_no_others(sprung())
 
 
 @pytest.mark.parametrize(
