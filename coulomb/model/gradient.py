@@ -204,6 +204,8 @@ _TURNED: Final = 0.1
 def refuse_moving(problem: DiscreteProblem, large: bool = False) -> None:
     """ValueError for a problem of which gradients are not known, or not in `large` motions; the same on every rank."""
     refuse(problem)
+    if problem.body.heat is not None:
+        raise ValueError("gradients are not known with heat")
     if problem.body.undeformed is not None and not large:
         raise ValueError("gradients along changes of a problem and along places are known of small strains alone")
     if problem.state.loaded:

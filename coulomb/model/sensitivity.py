@@ -27,6 +27,7 @@ from .changed_problem import near
 from .contact import SlipRateFriction, VariableFriction
 from .discrete_problem import DiscreteProblem
 from .geometric_terms import GeometricTerms, Terms, Way
+from .heat_derivatives import Flows, HeatDerivatives, HeatInput
 from .nodal_answer import NodalAnswer
 from .sensitivity_totals import Changed, Derived, contact_totals, other_totals
 
@@ -67,8 +68,8 @@ class Sensitivity:
 
 def refuse(problem: DiscreteProblem) -> None:
     """ValueError for a problem of which derivatives are not known; the same on every rank."""
-    if problem.body.heat is not None:
-        raise ValueError("sensitivities are not known with heat")
+    if problem.body.heat is not None and (problem.body.undeformed is not None or problem.state.loaded):
+        raise ValueError("sensitivities with heat are not known in large motions and of foundations under load")
     body = problem.elasticity
     turning = any(one.finite for one in body.constraints.motions) or bool(body.constraints.bolts)
     turning |= any(one.body.wrenches() for one in body.members)
@@ -96,6 +97,7 @@ class _Input:
     e: FloatArray | float = 0.0
     motions: FloatArray | None = None
     changed: Changed | None = None
+    heat: HeatInput | None = None
 
 
 Posed = Callable[[float], DiscreteProblem]
@@ -131,6 +133,7 @@ def sensitivities(
             raise ValueError("the sensitivities of a load step follow from those of the step before: give these")
     inputs = _inputs(problem, x, u, answer.given_gap)
     at = _Answer(problem, x, u, answer)
+    inputs |= {name: _Input(heat=one) for name, one in (at.heat.inputs() if at.heat else {}).items()}
     inputs |= {name: _Input(changed=at.changed(pose)) for name, pose in (others or {}).items()}
     inputs |= {one.name: _Input() for one in earlier if one.name not in inputs}
     rising = at.along(inputs, {one.name: one for one in earlier}, 1.0)
@@ -150,6 +153,7 @@ def why_no_others(problem: DiscreteProblem) -> str:
         "foundations under load": bool(state.loaded),
         "ties, rigid faces, bolts and springs": bool(constraints.ties) or sprung,
         "slices": body.slice is not None,
+        "heat": problem.body.heat is not None,
     }
     return next((f"they are not known with {reason}" for reason, there in reasons.items() if there), "")
 
@@ -177,6 +181,7 @@ class _Answer:
         self._terms, self._moves = GeometricTerms(problem, x, u), self._large or bool(problem.state.loaded)
         self._still = unloaded(problem.loading)
         self._without = with_loading(problem, self._still)
+        self.heat = None if problem.body.heat is None else HeatDerivatives(problem, answer)
 
     def along(self, inputs: Mapping[str, _Input], earlier: Mapping[str, Sensitivity], sign: float) -> list[Sensitivity]:
         """Of each of the inputs as it grows (sign 1) or falls (-1); collective."""
@@ -185,13 +190,17 @@ class _Answer:
         if self._moves:
             ways = [self._way(one, earlier.get(name)) for name, one in inputs.items()]
             posed, solved = self._with_terms(posed, solved, ways, sign)
+        flows = [Flows()] * len(posed)
+        if self.heat is not None:
+            posed, solved, flows = self._with_heat(self.heat, posed, solved, list(inputs.values()), sign)
         found = []
-        for (name, one), of, at in zip(inputs.items(), posed, solved, strict=True):
+        for (name, one), of, at, heat in zip(inputs.items(), posed, solved, flows, strict=True):
             step = min(at.owed.step, earlier[name].step if name in earlier else np.inf)
             derived = self._derived(one, of, at, sign)
             totals = contact_totals(self._answer, derived, sign)
             held = self._held if self._large or one.changed is not None else None
             others = other_totals(self._answer, derived, totals, held, self._u)
+            others |= {"heat_flows": {flow: {"power": power} for flow, power in heat.items()}} if heat else {}
             along_frames = derived.x if of.terms is None else derived.x + of.terms.components.ravel()
             of_points = along_frames, derived.u, totals, others
             found.append(Sensitivity(name, *of_points, step, at.owed.border, poses=derived.poses))
@@ -287,6 +296,36 @@ class _Answer:
                 "nearly one of several, or was found with too large a tolerance"
             )
         return posed, found
+
+    def _with_heat(
+        self,
+        heat: HeatDerivatives,
+        rights: Sequence[_Right],
+        solved: Sequence[_Solved],
+        given: Sequence[_Input],
+        sign: float,
+    ) -> tuple[list[_Right], list[_Solved], list[Flows]]:
+        """With the temperatures that contact and heat cause in turn, as of `_with_terms`; collective."""
+        over, found, posed = self._over, list(solved), list(rights)
+        mixing, left = [Anderson(MOST, over) for _ in rights], np.full(len(rights), np.inf)
+        points: list[FloatArray] = [np.zeros(len(self._u)) for _ in rights]
+        flows, rows = [Flows() for _ in rights], self._problem.surface.rows
+        for _ in range(MOST):
+            moving = [k for k, size in enumerate(left) if size > _SETTLED]
+            if not moving:
+                break
+            for k in moving:
+                dx = sign * found[k].owed.x.reshape(-1, 3)
+                there, flows[k] = heat.along(dx, rows(found[k].u) - posed[k].c, given[k].heat)
+                size = over.norm(there)
+                left[k] = over.norm(there - points[k]) / size if size > 0.0 else 0.0
+                points[k] = mixing[k].next(points[k], there - points[k], 1.0)
+                posed[k] = replace(rights[k], loading=heat.load(rights[k].loading, points[k]))
+            for k, one in zip(moving, self._solved([posed[k] for k in moving], sign), strict=True):
+                found[k] = one
+        if not np.all(left <= NEARLY):
+            raise ValueError(f"the temperatures of sensitivities do not settle, by a part of {np.max(left):.0e}")
+        return posed, found, flows
 
     def _joined(self, one: _Solved, sign: float) -> FloatArray:
         """Derivatives of displacement and of free motions, these on one rank, shape (3 k + q,)."""
@@ -425,6 +464,8 @@ def _inputs(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatAr
     still = unloaded(loading)
     for load in body.loads_in(loading):
         thermal = load.kind == ThermalLoad.kind
+        if thermal and problem.body.heat is not None:  # it follows from what heats
+            continue
         where = "" if load.face is None else f" {'of' if thermal else 'on'} {load.face!r}"
         what = "temperature change" if thermal else load.kind.replace("_", " ")
         put(f"{what}{where}", _Input(loading=replace(still, load=load.forces)))

@@ -1,0 +1,84 @@
+"""Derivatives with heat: temperatures follow from contact and cause it, and heat flows are totals."""
+
+import numpy as np
+import pytest
+
+import coulomb
+from coulomb import HeatLoad, Material, ThermalContact
+
+
+def two_bars(thermal, hot=1.0, young=1.0, friction=1.0, pushed=1.0, expansion=1.0, flux=1e4):
+    """A bar on another one, hot above: pushed aside, it rubs, conducts by its pressure, and expands."""
+    lower = coulomb.box((0.02, 0.02, 0.05), (2, 1, 2))
+    upper = coulomb.moved(coulomb.box((0.02, 0.02, 0.03), (2, 2, 1)), (0.0, 0.0, 0.05))
+    way = (3e-5 * pushed, 0.0, -1e-5 * pushed)
+    return coulomb.ContactProblem(
+        coulomb.join(lower=lower, upper=upper),
+        {
+            "lower": Material(2e11, 0.3, expansion=1.2e-5 * expansion, conductivity=50.0),
+            "upper": Material(7e10 * young, 0.3, expansion=2.3e-5 * expansion, conductivity=200.0),
+        },
+        [coulomb.Clamp("lower:bottom"), coulomb.PrescribedDisplacement("upper:top", way, amplitude=[(0, 0), (1, 1)])],
+        coulomb.Contact("upper:bottom", 0.3 * friction, against="lower:top", thermal=thermal),
+        heat=[
+            HeatLoad("lower:bottom", temperature=20.0),
+            HeatLoad("upper:top", temperature=20.0 + 100.0 * hot, amplitude=[(0, 0), (1, 1)]),
+            HeatLoad("upper:left", flux=flux),
+        ],
+        reference_temperature=20.0,
+    )
+
+
+def flows(answer):
+    return {one.name: one.power for one in answer.heat.flows}
+
+
+def test_in_series_heat_is_by_resistances():
+    """q = dT/(R + 1/h): dq/dlog h = q (1/h)/(R + 1/h), dq/dlog dT = q, and nothing else matters without expansion."""
+    bars = two_bars(ThermalContact(conductance=2e3), expansion=0.0, flux=0.0, friction=0.0)
+    (step,) = coulomb.LoadHistory([1.0], tolerance=1e-11).steps(bars)
+    resistance = 0.05 / 50.0 + 1.0 / 2e3 + 0.03 / 200.0
+    q = 100.0 / resistance * 4e-4
+    expected = {"temperature on 'upper:top'": q, "conductance of 'upper:bottom'": q / 2e3 / resistance}
+    found = {one.name: one.others["heat_flows"] for one in step.solution.sensitivities()}
+    assert expected.keys() <= found.keys() and "temperature on 'lower:bottom'" not in found
+    for name, heat in found.items():
+        into = heat["heat_temperature_upper:top"]["power"], -heat["heat_temperature_lower:bottom"]["power"]
+        assert into == pytest.approx([expected.get(name, 0.0)] * 2, rel=1e-7, abs=1e-7 * q), name
+
+
+def test_along_a_history_in_which_heat_and_contact_cause_each_other():
+    """Of all inputs at once, each by a weight of its own, against central differences."""
+    inputs = {
+        "temperature on 'upper:top'": "hot",
+        "young of 'upper'": "young",
+        "conductance of 'upper:bottom'": "conductance",
+        "friction of 'upper:bottom'": "friction",
+        "prescribed displacements": "pushed",
+    }
+    weights = dict(zip(inputs.values(), np.linspace(1.0, -0.6, len(inputs)), strict=True))
+
+    def steps(change=0.0):
+        given = {name: 1.0 + change * weight for name, weight in weights.items()}
+        better = given.pop("conductance")
+        thermal = ThermalContact(conductance=1e3 * better, factor=2e4 * better, hardness=1e8)
+        return coulomb.LoadHistory([0.5, 1.0], tolerance=1e-12).steps(two_bars(thermal, **given))
+
+    found, h = [], 1e-3
+    for step in steps():
+        found = step.solution.sensitivities(found)
+    with pytest.raises(ValueError, match="gradients are not known with heat"):
+        step.solution.gradient()
+    by = {one.name: one for one in found if one.name in inputs}
+    assert by.keys() == inputs.keys() and min(one.step for one in found) > h
+    more, less = ([step.solution for step in steps(change)][-1] for change in (h, -h))
+
+    def along(of):
+        return sum(weights[inputs[name]] * of(one) for name, one in by.items())
+
+    change = (more.contact_force - less.contact_force) / (2.0 * h)
+    assert along(lambda one: one.contact_force) == pytest.approx(change, abs=1e-5 * np.abs(change).max())
+    for name in flows(more):
+        change = (flows(more)[name] - flows(less)[name]) / (2.0 * h)
+        value = along(lambda one, name=name: one.others["heat_flows"][name]["power"])
+        assert value == pytest.approx(change, rel=1e-5, abs=1e-9)
