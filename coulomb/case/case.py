@@ -394,8 +394,6 @@ class Case(Table):
     @model_validator(mode="after")
     def _time_needs_a_history(self) -> Case:
         timed = {key: rows for key, (_, rows) in self.timed.items()}
-        if self.output.sensitivity and self.heat:
-            raise ValueError("output.sensitivity is not known with [[heat]]")
         if self.history is None:
             for key in timed:
                 if not key.endswith("friction_amplitude"):

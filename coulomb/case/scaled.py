@@ -20,6 +20,10 @@ _LOADS = {
     "nodal force": ("nodal_force", ("force",)),
     "stiffness of the spring": ("spring", ("stiffness",)),
 }
+_HEAT = {"temperature": "temperature", "heat flux": "flux", "film": "film", "heat source": "source"}
+_ONE = ((0.0, 1.0), (1.0, 1.0))
+"""The amplitude without one."""
+
 _SEVERAL = "there are several of this name"
 _OF_FRICTION = ("friction", "slip stress", "cohesion", "friction limit")
 
@@ -85,6 +89,23 @@ def _known(case: Case, kind: str, face: str, factor: float) -> dict[str, Any]:
         if sum(map(here, contacts)) > 1:
             raise NotScaled("the face is in several contacts")
         return {"contact": found if several else found[0]} if any(map(here, contacts)) else {}
+    if kind in _HEAT:
+        mine = [getattr(one, _HEAT[kind]) is not None and face in (one.face, one.body, "") for one in case.heat]
+        if sum(mine) > 1:
+            raise NotScaled(_SEVERAL)
+        warmer = [
+            one.model_copy(update={"amplitude": _rows(one.amplitude or _ONE, factor)}) if here else one
+            for one, here in zip(case.heat, mine, strict=True)
+        ]
+        return {"heat": tuple(warmer)} if any(mine) else {}
+    if kind == "conductance":
+        found = tuple(
+            one.model_copy(update={"thermal": _times(one.thermal, ("conductance", "factor"), factor)})
+            if here(one) and one.thermal is not None
+            else one
+            for one in contacts
+        )
+        return {"contact": found if isinstance(case.contact, tuple) else found[0]}
     if kind in _LOADS:
         tables, keys = _LOADS[kind]
         given = getattr(case, tables)
@@ -107,8 +128,8 @@ def _known(case: Case, kind: str, face: str, factor: float) -> dict[str, Any]:
     if kind == "temperature change" and case.temperature is not None:
         if face and face != case.temperature.body:
             raise NotScaled(_SEVERAL)
-        amplitude = case.temperature.amplitude or ((0.0, 1.0), (1.0, 1.0))
-        return {"temperature": case.temperature.model_copy(update={"amplitude": _rows(amplitude, factor)})}
+        amplitude = _rows(case.temperature.amplitude or _ONE, factor)
+        return {"temperature": case.temperature.model_copy(update={"amplitude": amplitude})}
     if kind == "young":
         if case.material is not None and not face:
             return {"material": _of_materials(case.material, factor)}

@@ -5,6 +5,8 @@ import pytest
 
 import coulomb
 from coulomb import HeatLoad, Material, ThermalContact
+from coulomb.case.case import read_case
+from coulomb.case.scaled import NotScaled, scaled
 
 
 def two_bars(thermal, hot=1.0, young=1.0, friction=1.0, pushed=1.0, expansion=1.0, flux=1e4):
@@ -82,3 +84,59 @@ def test_along_a_history_in_which_heat_and_contact_cause_each_other():
         change = (flows(more)[name] - flows(less)[name]) / (2.0 * h)
         value = along(lambda one, name=name: one.others["heat_flows"][name]["power"])
         assert value == pytest.approx(change, rel=1e-5, abs=1e-9)
+
+
+CASE = """
+reference_temperature = 20.0
+[[body]]
+name = "low"
+box = [0.02, 0.02, 0.05]
+cells = [1, 1, 1]
+material = { young = 2e11, poisson = 0.3, expansion = 1e-5, conductivity = 50.0 }
+[[body]]
+name = "up"
+box = [0.02, 0.02, 0.03]
+cells = [1, 1, 1]
+translate = [0.0, 0.0, 0.05]
+material = { young = 7e10, poisson = 0.3, expansion = 2e-5, conductivity = 200.0 }
+[[clamp]]
+face = "low:bottom"
+[[clamp]]
+face = "up:top"
+[[contact]]
+face = "up:bottom"
+against = "low:top"
+friction = 0.3
+thermal = { conductance = 1e3 }
+[[heat]]
+face = "low:bottom"
+temperature = 25.0
+[[heat]]
+face = "up:left"
+flux = 1e4
+[[heat]]
+face = "low:left"
+film = 1e3
+ambient = "30.0 + x"
+[[heat]]
+source = 1e5
+body = "up"
+[output]
+sensitivity = true
+"""
+
+
+def test_inputs_of_heat_are_scaled_in_a_case(tmp_path):
+    """Differences of temperatures from the reference, for Taylor tests of a case."""
+    (tmp_path / "case.toml").write_text(CASE)
+    case = read_case(tmp_path / "case.toml")
+    names = ["temperature on 'low:bottom'", "heat flux on 'up:left'", "film on 'low:left'", "heat source of 'up'"]
+    for number, name in enumerate(names):
+        factors = scaled(case, name, 1.5).problem().body.heat.conduction.factors(0.0)
+        assert factors == pytest.approx(np.where(np.arange(4) == number, 1.5, 1.0)), name
+    for face in ("up:bottom", "low:top"):
+        (contact,) = scaled(case, f"conductance of {face!r}", 1.5).problem().contacts
+        assert contact.thermal.conductance == 1.5e3
+    twice = case.model_copy(update={"heat": case.heat * 2})
+    with pytest.raises(NotScaled, match="several"):
+        scaled(twice, names[1], 1.5)
