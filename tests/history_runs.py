@@ -172,3 +172,18 @@ friction = 0.2
 [history]
 times = [1.0, 2.0]
 """
+
+PRESS_FIT = one_body((2, 1, 0.5), (4, 2, 2), 1e7)
+PRESS_FIT += """\
+[[clamp]]
+face = "top"
+[contact]
+face = "bottom"
+friction = 0.4
+gap = "1e-3*(x - 1.2)"
+gap_amplitude = [[0, 0], [1, 1], [2, -0.5]]
+motion = [[0, 0, 0, 0], [1, 0, 0, 0], [2, 2e-3, 0, 1e-4]]
+[history]
+times = [0.5, 1.5]
+"""
+"""Given gaps that grow and end, on a foundation that moves."""

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from ..contact_fields import named_faces
 from ..linalg.reductions import Reductions
-from .nodal_answer import Accumulated, NodalAnswer
+from .nodal_answer import OPEN, OPEN_BELOW, Accumulated, NodalAnswer
 from .solution import Solution
 from .state import Earlier, Forces, State, coefficients_work
 
@@ -131,7 +131,8 @@ def ended(
 
     moved = problem.body.foundation_displacement(problem.state, state)
     widened = answer.given_gap - problem.body.given_gap(problem.surface, state.time)
-    moved = _while_touching(moved, widened, answer)
+    strength = np.linalg.norm(state.force_on_body[at], axis=1)
+    moved = _while_touching(moved, widened, answer, strength <= OPEN_BELOW * over.max(strength))
     foundation = 0.5 * over.dot(state.force_on_body[at] + on_body, moved)
     dissipated = over.sum(answer.friction_work)
     energy = state.energy.after(then, now, foundation, dissipated, over, stiffened)
@@ -157,7 +158,9 @@ def ended(
     )
 
 
-def _while_touching(moved: FloatArray, widened: FloatArray, answer: NodalAnswer) -> FloatArray:
+def _while_touching(
+    moved: FloatArray, widened: FloatArray, answer: NodalAnswer, opened: npt.NDArray[np.bool_]
+) -> FloatArray:
     """Of the displacement of what the body touches (m, 3) the part along which contact forces do work.
 
     Where a given gap becomes wider than the body follows, as of a pair that is taken out, it works along the way of the
@@ -167,12 +170,13 @@ def _while_touching(moved: FloatArray, widened: FloatArray, answer: NodalAnswer)
         moved: The displacement, metres, shape (m, 3).
         widened: The part of it along n that changes of given gaps are, shape (m,).
         answer: At the end.
+        opened: Points without a force at the beginning, shape (m,); of the others the gap there is a rounding error.
     """
     normal = answer.frames[:, 0]
     after = answer.gap - answer.displacement[:, 0]
     before = after + answer.displacement[:, 0] - answer.slip_origin[:, 0] - widened
-    away = (after > 0.0) & (widened >= after)
-    towards = (before > 0.0) & (widened <= -before)
+    away = (answer.status == OPEN) & (after > 0.0) & (widened >= after)
+    towards = opened & (before > 0.0) & (widened <= -before)
     way = np.where((away | towards)[:, None], moved + (before - after)[:, None] * normal, moved)
     return np.where(away[:, None], way + answer.slip, way)
 
