@@ -1,9 +1,7 @@
 """Runs with a rotating foundation: on ranks, resumed, killed, and checked from the files."""
 
-import csv
-
 import pytest
-from check_runs import change, copied, edit, made
+from check_runs import copied, edit, made
 from conftest import run_coulomb
 from history_runs import SHOE, TURNTABLE
 from report_pages import page_without_pictures
@@ -28,34 +26,6 @@ def test_the_files_agree(text, tmp_path):
     assert "judged from the files alone" in found.ending
 
 
-SPOILT = {
-    "torque": lambda face: face.update(torque=face["torque"] * (1.0 + 1e-6)),
-    "power": lambda face: face.update(power=face["power"] * (1.0 + 1e-6)),
-    "angle": lambda face: face.update(angle=face["angle"] + 1e-6),
-    "angular velocity": lambda face: face.update(angular_velocity=face["angular_velocity"] * (1.0 + 1e-6)),
-    "axis": lambda face: face["axis"]["point"].__setitem__(0, face["axis"]["point"][0] + 1e-6),
-}
-
-
-def test_changed_figures(tmp_path):
-    """Each in its own step, or column of the table."""
-    folder = copied(SHOE, tmp_path / "run")
-    for number, name in ((1, "torque"), (2, "power"), (3, "angular velocity"), (4, "axis")):
-        edit(folder / f"steps/{number:04d}/summary.json", lambda s, name=name: SPOILT[name](s["faces"][0]))
-    edit(folder / "steps/0003/summary.json", lambda s: SPOILT["angle"](s["faces"][0]))
-    table, columns = rows_of(folder), ("bottom_angle", "bottom_torque", "bottom_power")
-    for column in columns:
-        table[1][column] = repr(float(table[1][column]) * (1.0 + 1e-6))
-    with (folder / "history.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(table[0]))
-        writer.writeheader()
-        writer.writerows(table)
-    found = check(folder)
-    assert all(any(f"line 2.{column}:" in fault for fault in found.faults) for column in columns)
-    named = {1: "torque", 2: "power", 3: "angle", 4: "axis"}
-    assert all(any(name in fault for fault in found.steps[number - 1].faults) for number, name in named.items())
-
-
 OTHER_CASES = {
     "angle": lambda c: c["contact"]["rotation"]["angle"][2].__setitem__(1, 0.4000004),
     "axis": lambda c: c["contact"]["rotation"].update(point=[0.0610001, 0.02, -0.5]),
@@ -69,12 +39,6 @@ def test_another_rotation_in_the_case(other, tmp_path):
     edit(folder / "case.json", other)
     failing = [step.number for step in check(folder).steps if not step.passed]
     assert {2, 3, 4} <= set(failing)
-
-
-def test_a_slip_origin_without_the_rotation(tmp_path):
-    folder = copied(SHOE, tmp_path / "run")
-    change(folder / "steps/0003/contact.h5", "slip_origin", lambda origin: origin * (1.0 + 1e-6))
-    assert any("slip_origin" in fault for step in check(folder).steps for fault in step.faults)
 
 
 def test_on_ranks(tmp_path):

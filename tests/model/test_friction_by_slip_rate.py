@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from check_runs import change, edit
+from check_runs import edit
 from conftest import run_coulomb
 from mpi4py import MPI
 
@@ -112,9 +112,6 @@ def test_check_uses_the_slip_rate_of_the_step_before(run, tmp_path):
     assert not any(step.passed for step in steps)  # each has recorded its case
     bad = [step.number for step in steps if any(fault.startswith("contact.xdmf: friction") for fault in step.faults)]
     assert bad[0] == 3 and len(bad) == LAST - 2  # all that follow a step with slip along the floor
-    shutil.copy(run / "case.json", copy)
-    change(copy / "steps" / f"{LAST:04d}" / "contact.h5", "friction", lambda friction: 1.001 * friction)
-    assert any("contact.xdmf: friction" in fault for fault in check(copy / "steps" / f"{LAST:04d}").faults)
 
 
 def test_the_first_step_has_the_static_coefficient():

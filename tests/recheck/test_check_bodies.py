@@ -5,7 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
-from bodies_runs import TWO, UNLOADED
+from bodies_runs import TWO
 from case_texts import body as part
 from check_runs import copied, edit, made, put, run_case
 from conftest import run_coulomb
@@ -80,19 +80,6 @@ def test_two_ranks_write_what_one_does(tmp_path):
     for name in ("opposite_force", "opposite_moment", "contact_area"):
         one, two = np.array(mine["faces"][0][name]), np.array(theirs["faces"][0][name])
         assert np.max(np.abs(one - two)) <= 1e-7 * np.max(np.abs(one))
-
-
-def test_springs_of_a_body_before_the_last(tmp_path):
-    """The reactions of a run are all supports, and then all springs: not body after body."""
-    spring = '[[spring]]\nface = "lower:top"\nstiffness = 1e9\n'
-    found = check(run_case(TWO.replace("[[prescribed", f"{spring}[[prescribed"), tmp_path / "run"))
-    assert found.passed and not found.faults, str(found)
-
-
-def test_a_step_without_loads(tmp_path):
-    """No contact force, and gaps of 1e-16 m: the natural residual has no force with which it could be compared."""
-    found = check(run_case(UNLOADED, tmp_path / "run"))
-    assert found.passed and not found.faults, str(found)
 
 
 FOAM_BESIDE_STEEL = """\

@@ -78,60 +78,6 @@ def test_held_nodes_inside_the_foundation_are_seen(kind, tmp_path):
     assert certificate.penetration == pytest.approx(1e-3)
 
 
-FOLLOWING = """\
-contact = { face = "b:bottom", friction = 0.3 }
-tie = [{ face = "b:left", against = "a:right", slave = true }]
-traction = [{ face = "b:top", value = [0, 1e3, -2e3] }]
-clamp = [{ face = "a:left" }, { face = "a:right" }]
-[[body]]
-name = "a"
-box = [1.0, 0.5, 0.5]
-cells = [2, 2, 2]
-CELL
-material = { young = 1e5, poisson = 0.3 }
-[[body]]
-name = "b"
-box = [1.0, 0.5, 0.5]
-cells = [3, 3, 3]
-CELL
-translate = [1.0, 0.0, 0.0]
-material = { young = 1e5, poisson = 0.3 }
-"""
-
-
-@pytest.mark.parametrize("cell", ['cell = "hexahedron"', 'cell = "tetrahedron"\ndegree = 2'])
-def test_nodes_that_follow_clamped_ones_are_no_contact_points(cell):
-    """They are found anew by the ties of the case."""
-    findings = check(made(FOLLOWING.replace("CELL", cell)))
-    assert findings.passed, str(findings)
-
-
-STACKED = """\
-contact = { face = "b:top", against = "d:bottom", slave = true, friction = 0.3 }
-traction = [{ face = "d:top", value = [0, 0, -50] }]
-clamp = [{ face = "a:left" }, { face = "a:right" }, { face = "c:left" }, { face = "c:right" }]
-tie = [
-    { face = "b:left", against = "a:right", slave = true },
-    { face = "d:left", against = "c:right", slave = true },
-]
-""" + "".join(
-    f"""\
-[[body]]
-name = "{name}"
-box = [1.0, 0.5, 0.5]
-cells = [{cells}, {cells}, {cells}]
-translate = [{x}, 0.0, {z}]
-material = {{ young = 1e5, poisson = 0.3 }}
-"""
-    for name, cells, x, z in (("a", 2, 0.0, 0.0), ("b", 3, 1.0, 0.0), ("c", 2, 0.0, 0.5), ("d", 2, 1.0, 0.5))
-)
-
-
-def test_points_of_a_pair_that_follow_clamped_nodes_on_both_sides():
-    findings = check(made(STACKED))
-    assert findings.passed, str(findings)
-
-
 PRESSED = one_body((1.0, 1.0, 0.5), (3, 2, 1), 1e9)
 PRESSED += """\
 clamp = [{ face = "bottom" }]

@@ -1,11 +1,7 @@
-"""Orthotropic materials: constants, rotation, positive energy, bodies of several kinds, files and their check."""
-
-from functools import partial
+"""Orthotropic materials: constants, rotation, positive energy, bodies of several kinds."""
 
 import numpy as np
 import pytest
-from case_texts import one_body
-from check_runs import change, copied, edit
 
 import coulomb
 from coulomb import Clamp, Elasticity, Material, OrthotropicMaterial
@@ -19,32 +15,8 @@ from coulomb.fem.bodies.materials import (
     symmetric,
     thermal_strain,
 )
-from coulomb.recheck import check
 
 PLY = OrthotropicMaterial((1.3e11, 1.1e10, 9e9), (0.28, 0.3, 0.4), (5e9, 4.5e9, 3.5e9))
-
-WOUND = {"shear": [5e9, 4.5e9, 3.5e9], "directions": '[["1 + x", "y", 0.3], [0, 0, 1]]', "density": 1600.0}
-WOUND |= {"young": [1.3e11, 1.1e10, 9e9], "poisson": [0.28, 0.3, 0.4], "expansion": [-1e-6, 3e-5, 2e-5]}
-CASE = one_body((1.0, 0.8, 0.6), (3, 2, 2), cell="tetrahedron", **WOUND)
-CASE += """\
-[temperature]
-value = "20 + 40*x - 30*z"
-reference = 15.0
-amplitude = [[0, 0], [2, 1]]
-[[clamp]]
-face = "top"
-[[traction]]
-face = "right"
-value = [1e6, 2e5, -3e5]
-[contact]
-face = "bottom"
-friction = 0.3
-foundation = {point = [0.0, 0.0, 3e-5], normal = [0.0, 0.0, 1.0]}
-[history]
-times = [1, 2]
-[output]
-picture = false
-"""
 
 
 def rotations(count):
@@ -158,16 +130,6 @@ def test_equal_constants_in_all_directions_are_an_isotropic_body(cell, degree):
     assert stress[1] == pytest.approx(stress[0], rel=1e-10)
 
 
-@pytest.fixture
-def run(tmp_path):
-    return copied(CASE, tmp_path / "run")
-
-
-def test_check_of_a_run(run):
-    found = check(run)
-    assert found.passed and all(step.passed for step in found.steps), str(found)
-
-
 @pytest.mark.parametrize(
     ("degree", "cell", "warnings"), [(1, "tetrahedron", 1), (1, "hexahedron", 0), (2, "tetrahedron", 0)]
 )
@@ -180,33 +142,3 @@ def test_locking_is_of_first_order_tetrahedra(caplog, kinematics, degree, cell, 
     texts = locking_by_volume(problem.elasticity)
     assert len(texts) == warnings and all("the first-order elements lock" in text for text in texts)
     assert [record.getMessage() for record in caplog.records if "lock" in record.getMessage()] == texts
-
-
-FIELDS = [
-    *("orthotropic_young", "orthotropic_poisson", "orthotropic_shear", "direction_1", "direction_2"),
-    *("orthotropic_expansion", "temperature_change"),
-]
-
-
-def test_changed_fields_are_noticed(run):
-    """Each against the case."""
-    step = run / "steps" / "0002"
-
-    def changed(values, by):
-        values = values * (1.0 + 1e-6)
-        values[..., 1:2] += by
-        return values
-
-    for name in FIELDS:
-        change(step / "solution.h5", name, partial(changed, by=1e-6 * name.startswith("direction")))
-    faults = check(step).faults
-    assert all(any(f"solution.xdmf: {name}" in text for text in faults) for name in FIELDS)
-
-
-def test_changed_summary_is_noticed(run):
-    step = run / "steps" / "0002"
-    edit(step / "summary.json", lambda s: s["material"][0].update(shear=[5e9, 4.5e9, 3.6e9]))
-    edit(step / "summary.json", lambda s: s["temperature_change"].update(max=s["temperature_change"]["max"] + 1e-4))
-    edit(step / "summary.json", lambda s: s.update(reference_temperature=15.1))
-    faults = "\n".join(check(step).faults)
-    assert "shear" in faults and "temperature_change.max" in faults and "reference_temperature" in faults
