@@ -13,17 +13,12 @@ RUNS = {"drum": SHOE, "turntable": TURNTABLE}
 
 
 @pytest.mark.parametrize("text", RUNS.values(), ids=RUNS)
-def test_the_files_agree(text, tmp_path):
+def test_the_files_agree(text):
     found = check(made(text))
     assert found.passed and found.recorded, found
     row = rows_of(made(text))[-1]
     assert float(row["bottom_angle"]) == 0.4 and abs(float(row["bottom_torque"])) > 1.0
     assert float(row["bottom_power"]) == pytest.approx(float(row["bottom_torque"]) * 0.4 / 3.0, rel=1e-12)
-    folder = copied(text, tmp_path / "run")
-    (folder / "case.json").unlink()
-    found = check(folder)
-    assert found.passed, found
-    assert "judged from the files alone" in found.ending
 
 
 OTHER_CASES = {

@@ -28,15 +28,6 @@ from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
 from coulomb.recheck import check
 
 
-@pytest.mark.parametrize("text", [BLOCK, WEDGE], ids=["hexahedra", "tetrahedra"])
-def test_a_missing_case_is_reported(text, tmp_path):
-    folder = copied(text, tmp_path / "run")
-    (folder / "case.json").unlink()
-    found = check(folder)
-    assert found.passed, found
-    assert any("from the files alone, since there is no case.json" in line for line in found.trusted)
-
-
 @pytest.mark.parametrize(("old", "new"), [(STICK, SLIP), (SLIP, STICK), (SLIP, OPEN), (SLIP, HELD), (HELD, STICK)])
 def test_status_of_one_node(old, new, tmp_path):
     folder = copied(BLOCK, tmp_path / "run")

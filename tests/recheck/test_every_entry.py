@@ -173,6 +173,14 @@ def test_unchanged_results_agree(name):
         assert all(f"{field} of contact.xdmf" in one.trusted[-1] for field in COMPLIANCES)
 
 
+@pytest.mark.parametrize("name", UNCHANGED)
+def test_unchanged_files_agree_without_a_case(name, tmp_path):
+    folder = copied(UNCHANGED[name], tmp_path / "run")
+    (folder / "case.json").unlink()
+    found = check(folder)
+    assert found.passed and "judged from the files alone, since there is no case.json" in str(found), str(found)
+
+
 def spoilt(folder, spoil, left):
     """The beginnings of the faults of all fields but those left, which are changed."""
     for file in ("solution", "contact"):
