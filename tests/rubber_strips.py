@@ -10,7 +10,7 @@ ARM, THICKNESS, RADIUS = 6.0, 1.0, 1.5
 """Of a strip: its straight parts, and the radius of its middle line where it is bent, metres."""
 
 
-def strip(comm, arms, cells):
+def strip(comm, arms, cells, kind=("hexahedron", 1)):
     """A strip of arms one above the other, from z = 0 on, with half a turn after each; faces "skin" all around,
     "floor" and "lid" outside, and "low" and "high" inside the first bend."""
     bend = np.pi * RADIUS
@@ -23,7 +23,8 @@ def strip(comm, arms, cells):
         up = RADIUS - np.where(angle > 0.0, r, RADIUS - side * off) * np.cos(angle)
         return np.array([np.where(side > 0.0, along, ARM - along), x[1], 2.0 * RADIUS * arm + up]) - x
 
-    made = moved(box((arms * ARM + (arms - 1) * bend, 1.0, THICKNESS), (cells, 1, 1), comm=comm), way)
+    lengths = arms * ARM + (arms - 1) * bend, 1.0, THICKNESS
+    made = moved(box(lengths, (cells, 1, 1), kind[0], comm, degree=kind[1]), way)
     top = 2.0 * RADIUS * (arms - 1) + 0.5 * THICKNESS
     at = {
         "floor": lambda x: np.isclose(x[2], -0.5 * THICKNESS) & (x[0] < 0.6 * ARM),

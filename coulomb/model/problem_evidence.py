@@ -196,6 +196,8 @@ def _actions(
         return None
     on_slave, on_both = contact_matrix(replace(points, opposite=None), frames), contact_matrix(points, frames)
     at, vectors = points.average(x), -np.einsum("kij,ki->kj", frames, force)
+    if points.mirrored is not None:
+        vectors -= np.einsum("kij,kj->ki", points.mirrored, vectors)
     part, found = np.repeat(np.arange(len(counts)), counts), []
     comm = points.space.comm
     centre = comm.allreduce(x.sum(axis=0), op=MPI.SUM) / comm.allreduce(len(x), op=MPI.SUM)

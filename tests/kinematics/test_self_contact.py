@@ -28,6 +28,13 @@ def test_arms_that_slide_on_each_other_as_two_faces(tmp_path):
     assert check(tmp_path / "run").passed
 
 
+def test_forces_across_planes_of_symmetry_act_on_neither_face():
+    """Of tetrahedra, whose normals are not in these planes, as faces are not symmetric there."""
+    (answer,) = pressed(strip(MPI.COMM_WORLD, 2, 8, ("tetrahedron", 2)), ITSELF, (0.98,))
+    assert answer.valid and answer.at_nodes.totals()["normal_force"] > 1e3
+    assert answer.certificate["action and reaction"].value < 1e-9
+
+
 def test_what_is_on_one_side_and_meets_makes_the_answer_invalid(monkeypatch):
     """With sides that are none: the inner sides of both arms on the first, their outer sides on the second."""
     mesh = strip(MPI.COMM_WORLD, 2, 16)
