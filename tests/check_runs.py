@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 from case_texts import one_body
 from mpi4py import MPI
+from two_pairs_runs import LENS, write_lens
 
 from coulomb.case.case import read_case
 from coulomb.case.record import write_case
@@ -97,7 +98,10 @@ _RUNS = tempfile.TemporaryDirectory(prefix="coulomb-check-")  # removed at the e
 @functools.cache
 def made(text):
     """Directory of a computed case; tests must not change it."""
-    return run_case(text, Path(tempfile.mkdtemp(dir=_RUNS.name)) / "run")
+    folder = Path(tempfile.mkdtemp(dir=_RUNS.name))
+    if text is LENS:
+        write_lens(folder)
+    return run_case(text, folder / "run")
 
 
 def run_case(text, target):
