@@ -326,15 +326,15 @@ class ContactBody:
             known = self.judged_pairs[number] = JudgedPair(self.elasticity, self.contacts[number], self.pair(number))
         return known
 
-    def off_linear(self, surface: ContactSurface, u: FloatArray, gap: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """`JudgedPair.off_linear` and `depths` at the contact points of a surface with gaps (m,), 0 on foundations,
-        metres, shape (m,) each; collective."""
+    def off_linear(self, surface: ContactSurface, u: FloatArray, given: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """`JudgedPair.off_linear` and `depths` at the contact points of a surface with given gaps (m,), metres, shape
+        (m,) each, 0 on foundations; collective."""
         off, depths = np.zeros((2, len(surface.nodes)))
         for number, contact in enumerate(self.contacts):
             if contact.against is not None:
                 at, pair = surface.part == number, self.judged_pair(number)
                 off[at] = pair.off_linear(u, surface.nodes[at], surface.frames[at, 0])
-                depths[at] = pair.depths(u, gap[at])
+                depths[at] = pair.depths(u, given[at])
         return off, depths
 
     def recorded_poses(self, contents: Mapping[str, Any]) -> FloatArray | None:

@@ -223,10 +223,10 @@ class JudgedPair:
         (k, 3), along unit normals n (m, 3), metres, shape (m,); collective."""
         return self._reference.off_linear(nodes - self._nodes[0].start, n, *self._sides(u))
 
-    def depths(self, u: FloatArray, gap: FloatArray) -> FloatArray:
-        """Depth of the faces in each other between contact points with gaps (m,), metres, shape (m,), as
+    def depths(self, u: FloatArray, given: FloatArray) -> FloatArray:
+        """Depth of the faces in each other between contact points with given gaps (m,), metres, shape (m,), as
         `PairSamples.depths`; with displacements u (k, 3) of the nodes of all bodies; collective."""
-        return self._reference.depths(self._sides(u)) - gap
+        return self._reference.depths(self._sides(u)) - given - self._contact.adjust
 
     def findings(self, frames: FloatArray, gap: FloatArray, rows: FloatArray, u: FloatArray) -> PairFindings:
         """What is off with frames (m, 3, 3), gaps (m,) without given ones, and displacements `rows` (m, 3) in the

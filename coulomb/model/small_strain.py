@@ -277,10 +277,10 @@ def small_strain(
     foundations: Sequence[RigidFoundation | None],
     scales: FaceScales,
     gradient: float,
-    between: Sequence[FaceSamples] = (),
-    inside: Overlap | None = None,
-    large: bool = False,
-    of_pairs: tuple[FloatArray, FloatArray] | None = None,
+    between: Sequence[FaceSamples],
+    inside: Overlap | None,
+    large: bool,
+    of_pairs: tuple[FloatArray, FloatArray],
 ) -> SmallStrain:
     """Measure an answer; collective.
 
@@ -320,11 +320,11 @@ def small_strain(
         distance, turn = np.full((2, len(before)), math.nan)
     apart: FloatArray = np.zeros(len(pressing))
     depths = _deepest(at_nodes, foundations, between, large)
-    if of_pairs is not None:
-        off, depth = of_pairs
-        depth = np.where(depth <= NOISE * over.max(np.abs(at_nodes.x)), 0.0, depth)
-        for number in range(len(foundations)):
-            depths[number] = max(depths[number], largest(depth[at_nodes.part == number], over))
+    off, depth = of_pairs
+    depth = np.where(depth <= NOISE * over.max(np.abs(at_nodes.x)), 0.0, depth)
+    for number in range(len(foundations)):
+        depths[number] = max(depths[number], largest(depth[at_nodes.part == number], over))
+    if not large:
         off = np.where(np.abs(off) < rounding, 0.0, off)
         apart = np.where(pressing, np.abs(off), -np.minimum(at_nodes.gap - at_nodes.displacement[:, 0] + off, 0.0))
         apart[apart < rounding] = 0.0

@@ -27,13 +27,16 @@ from ...nearest import tree_of
 from ..geometry import RigidFoundation
 from .closest_points import (
     FACING,
+    PIECES,
     Facets,
     crossed,
     facet_functions,
     facet_rule,
     finer,
-    opposite,
     reference_nodes,
+)
+from .closest_points import (
+    opposite as opposite_of,
 )
 from .facet_heights import risen
 
@@ -175,7 +178,7 @@ class PairSamples:
         vectors = sign[:, None, None] * np.cross(along_r @ x, along_s @ x)
         size = np.linalg.norm(vectors, axis=2)
         self._normal = unit_vectors(vectors)
-        self._along, self._hits = opposite(slave, master, chosen, at, piece)
+        self._along, self._hits = opposite_of(slave, master, chosen, at, piece)
         self._there = (self._hits.facet >= 0).reshape(size.shape)
         self._values, self._at_all = values[: len(points)], values
         whole = size[:, : len(points)] * weights
@@ -405,9 +408,9 @@ class PairSamples:
         return here, there
 
     def depths(self, own: FloatArray, opposite: FloatArray) -> FloatArray:
-        """How much nearer than on average before it both faces are, at the nearest of the points around each, with
-        displacements at the facets of each (f, n, 3) and beyond the chords of the facets, metres, shape (m,); negative
-        where they are apart."""
+        """How deep both faces are inside each other at the deepest of the points and nodes of the master around each,
+        with displacements at the facets of each (f, n, 3), beyond the chords of the facets, metres, shape (m,);
+        negative where they are apart."""
         here, there = self._at_points(own, opposite)
         met = self._hits.facet.reshape(self._there.shape)
         chords = (self._slave.kink * self._slave.radius)[self._chosen, None] + np.where(
@@ -415,7 +418,30 @@ class PairSamples:
         )
         nearer = np.einsum("fqi,fqi->fq", here - there, self._along) - self._way - chords
         nearer = np.where(self._there, nearer, -np.inf).max(axis=1, initial=-np.inf)
-        return (self._most(nearer[:, None], -np.inf) + self._means(self._way[:, :, None]))[:, 0]
+        np.maximum.at(nearer, *self._from_master(own, opposite))
+        return self._most(nearer[:, None], -np.inf)[:, 0]
+
+    def _from_master(self, own: FloatArray, opposite: FloatArray) -> tuple[IntArray, FloatArray]:
+        """The facets before nodes of the master, and points of it of second order, by their numbers among the chosen,
+        and the depths of these, metres, as `depths`: edges of the master are between the points of the slave."""
+        slave, master = self._slave, self._master
+        if self._surfaces.smooth or self._surfaces.slave is not None or self._surfaces.master is not None:
+            return np.zeros(0, dtype=np.int64), np.zeros(0)
+        met = np.unique(self._hits.facet[self._hits.facet >= 0])
+        near = np.flatnonzero(np.any(np.isin(master.nodes, master.nodes[met]), axis=1))
+        points, _, piece = facet_rule(master.corners, master.degree)
+        nodes = reference_nodes(master.corners, master.degree)
+        first = [next((k for k, of in enumerate(PIECES[master.corners]) if j in of), 0) for j in range(len(nodes))]
+        at = np.concatenate([nodes, points]) if master.degree == 2 else nodes
+        piece = np.concatenate([np.array(first, dtype=np.int64), piece])[: len(at)] * (master.degree == 2)
+        along, found = opposite_of(master, slave, near, at, piece)
+        here = np.flatnonzero(np.isin(found.facet, self._chosen))
+        facet, along = found.facet[here], along.reshape(-1, 3)[here]
+        values = facet_functions(slave.corners, slave.degree, found.place[here])[0]
+        theirs = np.einsum("qn,fni->fqi", facet_functions(master.corners, master.degree, at)[0], opposite[near])
+        moved = theirs.reshape(-1, 3)[here] - np.einsum("kn,kni->ki", values, own[facet])
+        nearer = np.einsum("ki,ki->k", moved, along) - found.way[here] - (slave.kink * slave.radius)[facet]
+        return np.searchsorted(self._chosen, facet), nearer
 
     # --- what the facets stand for ------------------------------------------------------------------------------------
 
