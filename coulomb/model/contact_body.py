@@ -92,7 +92,7 @@ def refuse_tied(elasticity: Deformable, contacts: Sequence[Contact]) -> None:
                 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Positioned:
     """A contact surface, the motions of the foundations for which it was computed, and the factors of the gaps."""
 

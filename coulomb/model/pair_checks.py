@@ -32,7 +32,7 @@ from ..units import amount
 from .contact import Contact
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PairFindings:
     """The worst of what is off at this rank's contact points of a pair.
 
@@ -56,7 +56,7 @@ def probing_fields(x: FloatArray, size: float) -> FloatArray:
     return np.column_stack([np.ones(len(x)), x, rough])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Side:
     """A face of a pair: its body, its facets there, and the held directions of the body's nodes."""
 

@@ -38,7 +38,7 @@ from .stability import Stability
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Solution:
     """Answer of a contact problem.
 

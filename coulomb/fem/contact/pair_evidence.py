@@ -83,7 +83,7 @@ _LINEAR: Final = 10.0
 """Times that the error of an average is larger where these are not used."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Claims:
     """What is to be judged of a pair: this rank's m contact points.
 
@@ -126,7 +126,7 @@ class Surfaces:
     interpolated: bool = True
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Deviations:
     """By how much claims are off beyond what the facets explain, 0 within it, shape (m,) each.
 
