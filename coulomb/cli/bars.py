@@ -20,7 +20,7 @@ from ..model.load_history import StepFailed
 from ..model.load_step import LoadStep
 from ..model.problem import ContactProblem
 from ..model.provenance import timed
-from ..model.sensitivity import Posed, Sensitivity, sensitivities, sensitivity_entries, why_no_others
+from ..model.sensitivity import Posed, Sensitivity, sensitivity_entries, why_no_others
 from ..model.solution import Solution
 from ..solvers.results import NotConverged
 from .console import errors
@@ -90,8 +90,7 @@ class Sensitivities:
         """With those to lengths of boxes, where they are known; a warning says why not."""
         others = {} if why_no_others(solution.problem) else self._lengths(solution.problem.comm)
         try:
-            at = solution.contact_force, solution.displacement, solution.at_nodes
-            return sensitivities(solution.problem, *at, self._found, others)
+            return solution.sensitivities(self._found, others)
         except ValueError as reason:
             if not others:
                 raise

@@ -31,7 +31,7 @@ from .heat import Heat
 from .nodal_answer import NodalAnswer
 from .probes import LocatedProbes, Probe, ProbeValue
 from .resultants import BoltForce, ForceBalance, Resultant, RigidFaceMotion
-from .sensitivity import Sensitivity, sensitivities
+from .sensitivity import Posed, Sensitivity, sensitivities
 from .small_strain import SmallStrain, small_strain
 from .stability import Stability
 
@@ -308,16 +308,23 @@ class Solution:
         """Whether the certificate passed and the small-strain theory holds, or was not enforced; collective."""
         return self.certificate.passed and not self.outside
 
-    def sensitivities(self, earlier: Sequence[Sensitivity] = ()) -> list[Sensitivity]:
+    def sensitivities(
+        self, earlier: Sequence[Sensitivity] = (), others: Mapping[str, Posed] | None = None
+    ) -> list[Sensitivity]:
         """What the answer owes to each input: friction, gaps, loads, prescribed displacements, motions of and loads on
         foundations, Young's moduli; exact derivatives, with how far they hold; in a load step with those of the
         step before (`earlier`); collective.
+
+        Args:
+            earlier: As said.
+            others: More inputs by their names, each a function that poses the problem with the input times a factor, as
+                of lengths, radii or directions, in small strains; without totals at probes, whose places stay.
 
         Raises:
             ValueError: With heat, with friction that depends on the slip rate, in a load step without those of the step
                 before, or if the answer is nearly one of several.
         """
-        return sensitivities(self.problem, self.contact_force, self.displacement, self.at_nodes, earlier)
+        return sensitivities(self.problem, self.contact_force, self.displacement, self.at_nodes, earlier, others)
 
     def gradient(
         self,
