@@ -129,6 +129,7 @@ MESHES = (
     Wrong("a face inside the body", run("contact.face='seam'"), part(lambda f: f.faces.update(seam=f.interface))),
     Wrong("a contact face without area", run("contact.face='nothing'"), part(lambda f: f.faces.update(nothing=NONE))),
     Wrong("a unit of no length", run("mesh.scale=0"), part()),
+    Wrong("materials without cells", run("material=[{young=1e10, poisson=0.3}]"), part()),
     Wrong("a material for cells that are not there", run("material=[{cells='wood', young=1e10, poisson=0.3}]"), part()),
     Wrong("cells without a material", run("material=[{cells='soft', young=1e10, poisson=0.3}]"), part()),
     Wrong("an XDMF file that is none", of("xdmf"), case("Dear Sir,", "part.xdmf"), library="is not XDMF"),

@@ -116,7 +116,7 @@ def _explain(entry: Any, case: _Model) -> str:
     other = entry["type"] in {*_OTHER_TYPES, *_OTHER_KINDS} and bool(location) and isinstance(location[-1], str)
     better = in_its_place(names.rpartition(".")[0], str(location[-1]), given) if other else ""
     instead = f": write {better}" if better else ""
-    usual = example(str(location[-1])) if location else ""
+    usual = example(str(location[0]), str(location[-1])) if location else ""
     for_example = f", for example {usual}" if usual else ""
     if entry["type"] == "missing" and isinstance(location[-1], str) and place == entry["loc"]:
         return f"{key}: is missing{for_example}"

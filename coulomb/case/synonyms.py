@@ -178,8 +178,10 @@ def _toml(value: Any) -> str:
     return f"[{', '.join(map(_toml, value))}]" if isinstance(value, list) else json.dumps(value, ensure_ascii=False)
 
 
-def example(key: str) -> str:
-    """A line with a usual value; empty for keys without one."""
+def example(table: str, key: str) -> str:
+    """A line with a usual value of a key of a table; empty for keys without one."""
+    if key == "cells" and table != "mesh":
+        return f"{line(key, 'upper')}, a group of cells of the mesh ([material] is one for all)"
     return line(key, _EXAMPLES[key]) if key in _EXAMPLES else ""
 
 
