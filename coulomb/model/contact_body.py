@@ -327,14 +327,14 @@ class ContactBody:
         return known
 
     def off_linear(self, surface: ContactSurface, u: FloatArray, given: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """`JudgedPair.off_linear` and `depths` at the contact points of a surface with given gaps (m,), metres, shape
-        (m,) each, 0 on foundations; collective."""
-        off, depths = np.zeros((2, len(surface.nodes)))
+        """`JudgedPair.off_linear` and `depths` at the contact points of a surface with given gaps (m,), metres, shapes
+        (m,) and (2, m), 0 on foundations; collective."""
+        off, depths = np.zeros(len(surface.nodes)), np.zeros((2, len(surface.nodes)))
         for number, contact in enumerate(self.contacts):
             if contact.against is not None:
                 at, pair = surface.part == number, self.judged_pair(number)
                 off[at] = pair.off_linear(u, surface.nodes[at], surface.frames[at, 0])
-                depths[at] = pair.depths(u, given[at])
+                depths[:, at] = pair.depths(u, given[at])
         return off, depths
 
     def recorded_poses(self, contents: Mapping[str, Any]) -> FloatArray | None:

@@ -127,7 +127,7 @@ class PairReference:
         """`PairSamples.depths` by the displacements of both bodies; collective."""
         at_facets = [gathered(*of) for of in zip(self._spaces, self._nodes, u, strict=True)]
         found = self._samples.depths(*at_facets)
-        found[self._few] = self._closer.depths(*at_facets)
+        found[:, self._few] = self._closer.depths(*at_facets)
         return found
 
     def weights(self, fields: tuple[FloatArray, FloatArray], averages: FloatArray) -> FloatArray:
@@ -224,9 +224,11 @@ class JudgedPair:
         return self._reference.off_linear(nodes - self._nodes[0].start, n, *self._sides(u))
 
     def depths(self, u: FloatArray, given: FloatArray) -> FloatArray:
-        """Depth of the faces in each other between contact points with given gaps (m,), metres, shape (m,), as
-        `PairSamples.depths`; with displacements u (k, 3) of the nodes of all bodies; collective."""
-        return self._reference.depths(self._sides(u)) - given - self._contact.adjust
+        """Depth of the faces in each other between contact points with given gaps (m,), as `PairSamples.depths`, and
+        how far they are apart around each, at least 0, metres, shape (2, m); with displacements u (k, 3) of the nodes
+        of all bodies; collective."""
+        deep, near = self._reference.depths(self._sides(u)) - given
+        return np.maximum(np.stack([deep, -near]) - self._contact.adjust, 0.0)
 
     def findings(self, frames: FloatArray, gap: FloatArray, rows: FloatArray, u: FloatArray) -> PairFindings:
         """What is off with frames (m, 3, 3), gaps (m,) without given ones, and displacements `rows` (m, 3) in the

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .nodal_answer import NodalAnswer
 
 _PRESSING: Final = 1e-6  # a node presses if its force is above this fraction of the largest on its bodies
+_MOST: Final = 0.01  # forces above this fraction of the largest do not act where faces are apart
 _CHORDS: Final = 4.0
 """Chords of facets by which a face may be in its foundation: at its ends the estimate is a third of it."""
 
@@ -117,7 +118,8 @@ class SmallStrain:
             the section.
         gradient: Largest norm of the displacement gradient in a cell: strain and rotation.
         between: Largest depth of a face inside its foundation or the face opposite, between contact points, less what
-            the chord of its facets explains, over the same mean displacement.
+            the chord of its facets explains, over the same mean displacement; or how far it is apart from the face
+            opposite around a contact point that presses: an average beyond its end.
         chord: How far gaps are from linear between contact points of which one presses, the chord h^2/(8 R) of facets,
             over the mean approach of the bodies of their contact: work of the forces that deform these, over the sum of
             the normal forces on them.  Where both sides have the same curvature there is no such chord.
@@ -196,7 +198,8 @@ class SmallStrain:
                 self.between,
                 BETWEEN,
                 f"between the contact points the face is up to {self.between:.0%} of the deformation inside the "
-                "foundation, or the face opposite: the facets are too large for it (on the contact face at least "
+                "foundation or the face opposite, or apart from it where it presses: the facets are too large for it "
+                "(on the contact face at least "
                 f"{_finer(self.between, BETWEEN)} times smaller ones, since the depth goes with "
                 "the square of their size)",
             ),
@@ -295,7 +298,7 @@ def small_strain(
         large: Whether places are those after a large motion: nodes on a foundation may have got there, and do not tell
             that their facets stand for a face of its curvature.
         of_pairs: By how much distances from faces opposite change otherwise than linear ones, and how deep these are
-            inside each other between contact points, metres, shape (m,) each.
+            inside each other between contact points, or apart around them, metres, shapes (m,) and (2, m).
     """
     over = Reductions(at_nodes.comm)
     pressing = at_nodes.force[:, 0] > _PRESSING * scales.force[at_nodes.part]
@@ -320,7 +323,9 @@ def small_strain(
         distance, turn = np.full((2, len(before)), math.nan)
     apart: FloatArray = np.zeros(len(pressing))
     depths = _deepest(at_nodes, foundations, between, large)
-    off, depth = of_pairs
+    off, (depth, away) = of_pairs
+    most = _MOST * scales.force[at_nodes.part]
+    depth = np.maximum(depth, np.where(at_nodes.force[:, 0] > most, away, 0.0))
     depth = np.where(depth <= NOISE * over.max(np.abs(at_nodes.x)), 0.0, depth)
     for number in range(len(foundations)):
         depths[number] = max(depths[number], largest(depth[at_nodes.part == number], over))

@@ -409,24 +409,25 @@ class PairSamples:
 
     def depths(self, own: FloatArray, opposite: FloatArray) -> FloatArray:
         """How deep both faces are inside each other at the deepest of the points and nodes of the master around each,
-        with displacements at the facets of each (f, n, 3), beyond the chords of the facets, metres, shape (m,);
-        negative where they are apart."""
+        with displacements at the facets of each (f, n, 3), beyond the chords of the facets, and with these, metres,
+        shape (2, m); negative where they are apart."""
         here, there = self._at_points(own, opposite)
         met = self._hits.facet.reshape(self._there.shape)
         chords = (self._slave.kink * self._slave.radius)[self._chosen, None] + np.where(
             met >= 0, (self._master.kink * self._master.radius)[met], 0.0
         )
-        nearer = np.einsum("fqi,fqi->fq", here - there, self._along) - self._way - chords
-        nearer = np.where(self._there, nearer, -np.inf).max(axis=1, initial=-np.inf)
-        np.maximum.at(nearer, *self._from_master(own, opposite))
-        return self._most(nearer[:, None], -np.inf)[:, 0]
+        nearer = np.einsum("fqi,fqi->fq", here - there, self._along) - self._way
+        both = np.stack([nearer - chords, nearer], axis=2)
+        both = np.where(self._there[:, :, None], both, -np.inf).max(axis=1, initial=-np.inf)
+        np.maximum.at(both, *self._from_master(own, opposite))
+        return self._most(both, -np.inf).T
 
     def _from_master(self, own: FloatArray, opposite: FloatArray) -> tuple[IntArray, FloatArray]:
         """The facets before nodes of the master, and points of it of second order, by their numbers among the chosen,
-        and the depths of these, metres, as `depths`: edges of the master are between the points of the slave."""
+        and the depths of these, (k, 2), as `depths`: edges of the master are between the points of the slave."""
         slave, master = self._slave, self._master
         if self._surfaces.smooth or self._surfaces.slave is not None or self._surfaces.master is not None:
-            return np.zeros(0, dtype=np.int64), np.zeros(0)
+            return np.zeros(0, dtype=np.int64), np.zeros((0, 2))
         met = np.unique(self._hits.facet[self._hits.facet >= 0])
         near = np.flatnonzero(np.any(np.isin(master.nodes, master.nodes[met]), axis=1))
         points, _, piece = facet_rule(master.corners, master.degree)
@@ -440,8 +441,9 @@ class PairSamples:
         values = facet_functions(slave.corners, slave.degree, found.place[here])[0]
         theirs = np.einsum("qn,fni->fqi", facet_functions(master.corners, master.degree, at)[0], opposite[near])
         moved = theirs.reshape(-1, 3)[here] - np.einsum("kn,kni->ki", values, own[facet])
-        nearer = np.einsum("ki,ki->k", moved, along) - found.way[here] - (slave.kink * slave.radius)[facet]
-        return np.searchsorted(self._chosen, facet), nearer
+        nearer = np.einsum("ki,ki->k", moved, along) - found.way[here]
+        chords = (slave.kink * slave.radius)[facet]
+        return np.searchsorted(self._chosen, facet), np.column_stack([nearer - chords, nearer])
 
     # --- what the facets stand for ------------------------------------------------------------------------------------
 
