@@ -201,7 +201,7 @@ class SmallStrain:
                 "foundation or the face opposite, or apart from it where it presses: the facets are too large for it "
                 "(on the contact face at least "
                 f"{_finer(self.between, BETWEEN)} times smaller ones, since the depth goes with "
-                "the square of their size)",
+                "the square of their size; of a pair also, as the slave, the face that ends within the other)",
             ),
             (
                 self.chord,
