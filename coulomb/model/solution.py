@@ -280,7 +280,7 @@ class Solution:
             problem.surface, given, problem.state.foundation_motions, self.displacement, deformation, large
         )
         gradient = 0.0 if large else body.largest_gradient(self.displacement)
-        of_pairs = problem.body.off_linear(problem.surface, self.change, given)
+        of_pairs = problem.body.off_linear(problem.surface, self.change, self.at_nodes.given_gap)
         foundations = problem.surface.foundations
         at, layer = self.at_nodes, body.slice
         cells = np.sqrt(at.area) if layer is None else layer.cell_sizes(at.x, at.area, members[0][0].body.degree)

@@ -243,3 +243,15 @@ def test_an_edge_within_a_facet_of_the_other_body_counts_or_is_told(cell, cells)
     beside, on_edge = solve("lower:top", "upper:bottom"), solve("upper:bottom", "lower:top")
     assert beside.certificate.passed and not beside.valid and "apart from it" in " ".join(beside.outside)
     assert on_edge.valid and on_edge.forces["centre_of_pressure"][0] == pytest.approx(0.3, abs=1e-6)
+
+
+@pytest.mark.parametrize("kinematics", ["small", "large"])
+def test_an_interference_is_no_depth(kinematics):
+    """Blocks that are given to overlap by 0.1 mm press each other, and their faces are apart by as much afterwards."""
+    boxes = coulomb.box((1.0, 1.0, 0.5), (3, 3, 1)), coulomb.box((1.0, 1.0, 0.5), (2, 2, 1))
+    bodies = coulomb.join(lower=boxes[0], upper=coulomb.moved(boxes[1], translate=(0.0, 0.0, 0.5)))
+    pair = Contact("lower:top", 0.2, against="upper:bottom", gap=-1e-4)
+    held = [Clamp("lower:bottom"), Clamp("upper:top")]
+    answer = ContactProblem(bodies, Material(2.1e11, 0.0), held, pair, kinematics=kinematics).solve()
+    assert answer.valid and answer.small_strain.between < 1e-3
+    assert answer.forces["normal_force"] == pytest.approx(2.1e11 * 1e-4, rel=1e-3)
