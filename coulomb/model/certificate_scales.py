@@ -259,6 +259,14 @@ def face_scales(e: Evidence, over: Reductions) -> FaceScales:
     )
 
 
+def of_half(values: FloatArray, force: FloatArray, over: Reductions) -> float:
+    """The largest of values (m,) that is reached where half of the forces (m,) act; collective."""
+    values, force = concatenated(over.comm, np.column_stack([values, force])).T
+    order = np.argsort(-values)
+    reached = np.cumsum(force[order])
+    return float(values[order][np.searchsorted(reached, 0.5 * reached[-1])]) if len(values) else 0.0
+
+
 def _of_loads_alone(e: Evidence) -> FloatArray:
     """`Evidence.blocked` at the nodes of every body, metres, shape (k,)."""
     found = np.zeros(len(e.x))

@@ -19,7 +19,7 @@ from ..fem.geometry import on_all_ranks
 from ..linalg.reductions import Reductions
 from ..nearest import among, tree_of
 from ..units import amount
-from .certificate_scales import FaceScales, place_of_largest
+from .certificate_scales import FaceScales, of_half, place_of_largest
 
 if TYPE_CHECKING:
     from ..fem.geometry import RigidFoundation
@@ -122,7 +122,8 @@ class SmallStrain:
             opposite around a contact point that presses: an average beyond its end.
         chord: How far gaps are from linear between contact points of which one presses, the chord h^2/(8 R) of facets,
             over the mean approach of the bodies of their contact: work of the forces that deform these, over the sum of
-            the normal forces on them.  Where both sides have the same curvature there is no such chord.
+            the normal forces on them; of facets that the master covers in part if half of the force acts there.  Where
+            both sides have the same curvature there is no such chord.
         rounding: The same where it is below 1e-8 of the extent of the face: by rounding errors of the coordinates.
         overlap: Largest depth of a node of the surface inside a body, or inside a foundation beside its contact face,
             where no contact judges it, over the motion of the two relative to each other (`fem.contact.overlaps`).
@@ -324,11 +325,11 @@ def small_strain(
     apart: FloatArray = np.zeros(len(pressing))
     depths = _deepest(at_nodes, foundations, between, large)
     off, (depth, away) = of_pairs
-    most = _MOST * scales.force[at_nodes.part]
-    depth = np.maximum(depth, np.where(at_nodes.force[:, 0] > most, away, 0.0))
-    depth = np.where(depth <= NOISE * over.max(np.abs(at_nodes.x)), 0.0, depth)
+    depth = np.where(at_nodes.force[:, 0] > _MOST * scales.force[at_nodes.part], np.maximum(depth, away), depth)
     for number in range(len(foundations)):
-        depths[number] = max(depths[number], largest(depth[at_nodes.part == number], over))
+        deep, place = (of[at_nodes.part == number] for of in (depth, np.abs(at_nodes.x)))
+        if largest(deep, over) > NOISE * largest(place, over):
+            depths[number] = max(depths[number], largest(deep, over))
     if not large:
         off = np.where(np.abs(off) < rounding, 0.0, off)
         apart = np.where(pressing, np.abs(off), -np.minimum(at_nodes.gap - at_nodes.displacement[:, 0] + off, 0.0))
@@ -420,8 +421,9 @@ def _chords(
         return np.full(len(foundations), math.nan), np.zeros(len(foundations))
     chords = np.zeros((2, len(foundations)))
     for k, (bend, spread) in enumerate(found):
-        of_pair = largest(answer.chord[pressing][answer.part[pressing] == k], over)
-        chord = np.max([of_pair, np.minimum(largest(bend, over), largest(spread, over))])  # nan if one is
+        here = pressing & (answer.part == k)
+        of_pair = largest(answer.chord[here, 0], over), of_half(answer.chord[here, 1], answer.force[here, 0], over)
+        chord = np.max([*of_pair, np.minimum(largest(bend, over), largest(spread, over))])  # nan if one is
         if len(every[k]) and chord <= NOISE * np.max(np.ptp(every[k], axis=0)):
             here = answer.part == k
             known = over.max(np.abs(answer.gap - answer.given_gap)[here]) > 0.0  # else `without_noise`

@@ -139,7 +139,7 @@ def _answer(at: Mapping[str, FloatArray], faces: list[dict[str, Any]], several: 
         frames=frames,
         gap=at["initial_gap"],
         given_gap=at["given_gap"],
-        chord=np.zeros(len(at["points"])),
+        chord=np.zeros((len(at["points"]), 2)),
         area=at["area"],
         slip_origin=np.zeros_like(rows),
         displacement=rows,

@@ -407,7 +407,8 @@ def pair_of(
     remarks = () if glued else _remarks(face, against, rows, shared, deepest, uncertain, comm)
     if apart:  # in large motions they may come, or have left each other
         remarks = (f"contact face {face!r}: no part of it is opposite to {against!r} yet: nothing touches there",)
-    chord = np.where(closed & (adjust > 0.0), 0.0, np.max([off, between, rows.chord], axis=0))
+    chord = np.maximum(rows.chord, np.column_stack([np.maximum(off, between), np.zeros_like(off)]))
+    chord[closed & (adjust > 0.0)] = 0.0
     return Pair(face, against, points, x, n, gap, held, chord, slave.nodes.start + twice, remarks)
 
 
