@@ -123,6 +123,8 @@ class _CompilationLock:
         while not ready.exists() and time.monotonic() < until:
             ours = path.exists()  # then a process with a lock has made `NAME.c`
             if self._taken(path):
+                if ready.exists():  # since the look above: others may have loaded it
+                    break
                 if not source.exists():
                     return
                 if ours or time.time() - source.stat().st_mtime > _FOREIGN:

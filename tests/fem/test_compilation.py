@@ -10,6 +10,7 @@ import pytest
 from conftest import ROOT, make_block, run_coulomb
 from ffcx.codegeneration import jit
 
+from coulomb.fem import compilation
 from coulomb.fem.compat import mesh  # noqa: F401 - changes FFCx's look-up
 from coulomb.fem.compilation import NoCompiler
 
@@ -88,3 +89,19 @@ def test_a_file_of_dolfinx_alone_is_waited_for_until_it_is_old(tmp_path):
     source.touch()
     os.utime(source, (time.time() - 3600.0,) * 2)
     assert jit.get_cached_module(name, ["form"], tmp_path, 1) == (None, None)  # this process is to compile it
+
+
+def test_a_form_compiled_by_another_process_just_before_the_lock_is_kept(tmp_path, monkeypatch):
+    """Compiled again, its library would be written over while that process calls it: a segmentation fault."""
+    name, flock = "libffcx_forms_0", compilation.fcntl.flock
+
+    def others_finish(*of):
+        (tmp_path / f"{name}.c.cached").touch()
+        flock(*of)
+
+    for ending in (".c", ".lock"):
+        (tmp_path / f"{name}{ending}").touch()
+    monkeypatch.setattr(compilation.fcntl, "flock", others_finish)
+    lock = compilation._CompilationLock()
+    lock.acquire(tmp_path, name)
+    assert (tmp_path / f"{name}.c").exists() and lock._file == -1
