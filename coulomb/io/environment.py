@@ -6,6 +6,7 @@ import importlib.metadata
 import platform
 import sys
 from functools import cache
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -43,10 +44,16 @@ def details() -> dict[str, str]:
         "PETSc": f"{petsc}, {np.dtype(PETSc.ScalarType).name}, {8 * np.dtype(PETSc.IntType).itemsize} bit integers",
         "PETSc's packages": ", ".join(name for name in _PACKAGES if PETSc.Sys.hasExternalPackage(name)),
         "MPI": MPI.Get_library_version().split("\n")[0].split(",")[0].strip("\0"),
-        "BLAS": ", ".join(sorted({str(e.get("filepath")) for e in threadpool_info() if e["user_api"] == "blas"})),
+        "BLAS": ", ".join(sorted({_blas(entry) for entry in threadpool_info() if entry["user_api"] == "blas"})),
         "kernels in C": native.state(),
         **{name: version(name) for name in _PYTHON_PACKAGES},
     }
+
+
+def _blas(entry: dict[str, Any]) -> str:
+    """Path of a library, and the processor whose kernels it takes."""
+    kernels = entry.get("architecture")
+    return f"{entry.get('filepath')}" + (f" (kernels for {kernels})" if kernels else "")
 
 
 @cache  # every load step writes them, and they are read from files

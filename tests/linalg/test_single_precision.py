@@ -1,5 +1,9 @@
 """Factors in single precision: accuracy of solves and products, their counts, and where they are not good enough."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from conftest import make_block
@@ -135,3 +139,19 @@ def test_predicted_work():
     assert one.operations == pytest.approx(n**3 / 3) and one.bytes == 4.0 * n**2
     several = predicted_work(symbolic(K, x, np.sort(problem.surface.nodes)))
     assert several.operations < one.operations and several.bytes < one.bytes
+
+
+def test_inverses_of_odd_size_with_the_kernels_for_processors_that_the_library_does_not_know():
+    """OpenBLAS 0.3.21 takes them on processors newer than itself; its strtri ends there in a segmentation fault."""
+    script = """
+import numpy as np
+from coulomb.linalg.factors import inverse_factor
+L = np.asfortranarray(np.tril(np.random.default_rng(1).random((303, 303))) + 99.0 * np.eye(303), dtype=np.float32)
+for i in range(0, 303, 3):
+    L[i, i + 1 : i + 3] = L[i + 1, i + 2] = 0.0
+inverse = inverse_factor(L)
+assert inverse.dtype == np.float32
+assert np.max(np.abs(inverse @ L - np.eye(303))) < 1e-5
+"""
+    environment = os.environ | {"OPENBLAS_CORETYPE": "Prescott"}
+    subprocess.run([sys.executable, "-c", script], check=True, env=environment)

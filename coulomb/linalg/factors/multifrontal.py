@@ -345,7 +345,12 @@ def _report(reason: str) -> None:
 
 def inverse_factor(L: Real) -> Real:
     """L^-1, with zeros above the diagonal of its nodal blocks, and anything above these."""
-    inverse: Real = (strtri if L.dtype == np.float32 else dtrtri)(L, lower=1)[0]
+    if L.dtype == np.float32:  # of an even size: OpenBLAS 0.3.21 crashes with others on processors newer than itself
+        even = np.eye(len(L) + len(L) % 2, dtype=L.dtype, order="F")
+        even[: len(L), : len(L)] = L
+        inverse: Real = strtri(even, lower=1, overwrite_c=1)[0][: len(L), : len(L)]
+    else:
+        inverse = dtrtri(L, lower=1)[0]
     for i in range(0, len(inverse), 3):
         inverse[i, i + 1 : i + 3] = inverse[i + 1, i + 2] = 0.0
     return inverse
