@@ -50,7 +50,8 @@ class Terms:
 
     Attributes:
         load: Nodal forces, newtons, shape (k, 3).
-        prescribed: Prescribed displacements, metres, shape (k, 3).
+        prescribed: Displacements that supports prescribe, metres, shape (k, 3),
+        apart: and how far constraints prescribe nodes to be apart from what they follow, of the same shape.
         c: Gap, and the displacements from which slip counts, metres, shape (m, 3).
         bound: Bound of friction at the present normal forces, newtons, shape (m,).
         e: Loads along the free motions of foundations under load, newtons, shape (q,); 0 of others.
@@ -58,12 +59,15 @@ class Terms:
         tangential: their friction,
         components: and along the frames, whose tangents may turn about the normals.
         slip: Likewise slip, space vectors, metres, shape (m, 3).
+        turned: Minus the change of the forces of constraints on nodes that follow, beside that of the linear problem,
+            newtons, shape (k, 3): their own unknowns move these along ways that turn.
         x: The places of contact points, metres, shape (m, 3).
         area: Areas of contact points, m^2, shape (m,).
     """
 
     load: FloatArray
     prescribed: FloatArray
+    apart: FloatArray
     c: FloatArray
     bound: FloatArray
     e: FloatArray
@@ -71,6 +75,7 @@ class Terms:
     tangential: FloatArray
     components: FloatArray
     slip: FloatArray
+    turned: FloatArray
     x: FloatArray
     area: FloatArray
 
@@ -93,6 +98,9 @@ class GeometricTerms:
         places, v = problem.elasticity.x, np.zeros_like(u) if self._large else u
         self._slip = problem.surface.displacements(problem.relative_displacement(v) * _ALONG)
         self._extent = max(self._over.max(axis) - self._over.min(axis) for axis in places.T)
+        left = problem.surface.at_nodes(x) - problem.loading.load
+        constraints = problem.elasticity.constraints
+        self._following = constraints.lacking(left, problem.time) if self._large and constraints.ties else None
 
     def along(self, way: Way) -> Terms:
         """Along a way, to which they are in proportion; collective."""
@@ -108,11 +116,14 @@ class GeometricTerms:
         size = max(self._over.max(np.abs(one).ravel()) for one in moved)
         h = _STEP * self._extent / size if size > 0.0 else 1.0
         found = self._at(h, way).less(self._at(-h, way), 0.5 / h)
-        linear, closed = -found.load, found.c - self.relative(way.alpha)
+        linear, closed, apart = -found.load, found.c - self.relative(way.alpha), found.apart
+        if self._following is not None:
+            linear = linear - body.reduction.on_followed(found.turned)
+            apart = apart + body.reduction.left_apart(way.u)
         if self._large:
             linear = linear + body.internal_force(way.u) - body.spring_force(way.u)
             closed = closed + problem.surface.rows(way.u)
-        return replace(found, load=linear, c=closed, e=-found.e)
+        return replace(found, load=linear, apart=apart, c=closed, e=-found.e)
 
     def between(self, more: DiscreteProblem, less: DiscreteProblem, h: float) -> Terms:
         """By how much they are larger in one of two problems of small strains than in the other, over h, at the forces
@@ -176,6 +187,11 @@ class GeometricTerms:
         c = problem.surface.components(np.einsum("kji,kj->ki", turn, of_points(surface.displacements(w))))
         body, e = there.elasticity, np.zeros(0 if problem.rigid is None else problem.rigid.count)
         forces = body.internal_force(v) - body.spring_force(v) - there.loading.load + surface.at_nodes(x.ravel())
+        apart, turned = np.zeros((2, *forces.shape))
+        if self._following is not None:
+            forces -= body.reduction.on_followed(self._following)
+            along = body.reduction.moved_transposed(self._following)
+            apart, turned = there.loading.apart + apart, problem.elasticity.reduction.amounts_transposed(along)
         first = 0
         for one in there.state.loaded:
             part = surface.part == one.number
@@ -184,8 +200,8 @@ class GeometricTerms:
                 first += 1
         bound, area, places = (of_points(one) for one in (there.slip_bound(x.ravel()), surface.area, surface.x))
         friction, slip = (carried(one) for one in (problem.surface.vectors(self._x * _ALONG), self._slip))
-        turned = vectors, friction, of_points(x), slip
-        return Terms(forces, there.prescribed, c, bound, e, *turned, places, area)
+        of_frames = vectors, friction, of_points(x), slip
+        return Terms(forces, there.prescribed, apart, c, bound, e, *of_frames, turned, places, area)
 
 
 def least_rotations(n: FloatArray, m: FloatArray) -> FloatArray:

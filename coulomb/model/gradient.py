@@ -204,6 +204,10 @@ _TURNED: Final = 0.1
 def refuse_moving(problem: DiscreteProblem, large: bool = False) -> None:
     """ValueError for a problem of which gradients are not known, or not in `large` motions; the same on every rank."""
     refuse(problem)
+    body = problem.elasticity
+    turning = any(one.finite for one in body.constraints.motions) or bool(body.constraints.bolts)
+    if large and problem.body.undeformed is not None and turning:
+        raise ValueError("in large motions gradients are not known with rigid faces and bolts")
     if problem.body.heat is not None:
         raise ValueError("gradients are not known with heat")
     if problem.body.undeformed is not None and not large:

@@ -70,13 +70,6 @@ def refuse(problem: DiscreteProblem) -> None:
     """ValueError for a problem of which derivatives are not known; the same on every rank."""
     if problem.body.heat is not None and (problem.body.undeformed is not None or problem.state.loaded):
         raise ValueError("sensitivities with heat are not known in large motions and of foundations under load")
-    body = problem.elasticity
-    turning = any(one.finite for one in body.constraints.motions) or bool(body.constraints.bolts)
-    turning |= any(one.body.wrenches() for one in body.members)
-    if problem.body.undeformed is not None and turning:
-        raise ValueError(
-            "in large motions sensitivities are not known with rigid faces, bolts, and moments of point loads"
-        )
     rated = any(isinstance(one.friction, SlipRateFriction | VariableFriction) for one in problem.contacts)
     if problem.before is not None and rated:
         raise ValueError("the sensitivities of a history are not known where friction depends on the slip rate")
@@ -198,8 +191,8 @@ class _Answer:
             step = min(at.owed.step, earlier[name].step if name in earlier else np.inf)
             derived = self._derived(one, of, at, sign)
             totals = contact_totals(self._answer, derived, sign)
-            held = self._held if self._large or one.changed is not None else None
-            others = other_totals(self._answer, derived, totals, held, self._u)
+            left = self._left if self._large or one.changed is not None else None
+            others = other_totals(self._answer, derived, totals, left, self._u)
             others |= {"heat_flows": {flow: {"power": power} for flow, power in heat.items()}} if heat else {}
             along_frames = derived.x if of.terms is None else derived.x + of.terms.components.ravel()
             of_points = along_frames, derived.u, totals, others
@@ -232,13 +225,14 @@ class _Answer:
         return Changed(terms, tuple(change), way)
 
     @cached_property
-    def _held(self) -> FloatArray:
-        """The forces of supports, newtons, shape (k, 3); where places move, these are then those of the problem."""
+    def _left(self) -> FloatArray:
+        """What supports and constraints hold, newtons, shape (k, 3); where places move, these are then those of the
+        problem."""
         problem, body = self._posed_at, self._posed_at.elasticity
         imbalance = problem.surface.at_nodes(self._x) - problem.loading.load
         if not self._large:
             imbalance += body.internal_force(self._u) - body.spring_force(self._u)
-        return body.held.held_part(imbalance - body.constraints.forces(imbalance, problem.time))
+        return imbalance
 
     def _posed(self, one: _Input, earlier: Sensitivity | None) -> _Right:
         """What an input does by itself, and in small strains by the displacement after the step before."""
@@ -248,8 +242,20 @@ class _Answer:
             loading = _continued(problem, loading or self._still, earlier.displacement)
             origin[:, 1:] += surface.rows(earlier.displacement)[:, 1:]
         right = _Right(loading or self._still, origin, np.zeros(len(origin)) + one.bound, one.e)
-        right = right if one.changed is None else right.and_(one.changed.terms)
-        return right if self._moves or one.motions is None else right.and_(self._terms.along(self._way(one, earlier)))
+        right = right if one.changed is None else self._and(right, one.changed.terms)
+        alone = one.motions is not None and not self._moves
+        return self._and(right, self._terms.along(self._way(one, earlier))) if alone else right
+
+    def _and(self, right: _Right, terms: Terms) -> _Right:
+        """With geometric terms; collective."""
+        led = self._problem.elasticity.reduction.led(terms.prescribed, terms.apart)
+        loading = replace(
+            right.loading,
+            load=right.loading.load + terms.load,
+            prescribed=right.loading.prescribed + led,
+            apart=right.loading.apart + terms.apart,
+        )
+        return _Right(loading, right.c + terms.c, right.bound + terms.bound, right.e + terms.e, terms)
 
     def _way(self, one: _Input, earlier: Sensitivity | None) -> Way:
         """What an input moves by itself, and by displacements and foundations after the step before."""
@@ -284,7 +290,7 @@ class _Answer:
                 break
             for k in moving:
                 u, alpha = self._parted(points[k])
-                posed[k] = rights[k].and_(self._terms.along(replace(ways[k], u=u, alpha=alpha)))
+                posed[k] = self._and(rights[k], self._terms.along(replace(ways[k], u=u, alpha=alpha)))
             for k, one in zip(moving, self._solved([posed[k] for k in moving], sign), strict=True):
                 found[k], point = one, self._joined(one, sign)
                 size = max(over.norm(point), least)
@@ -347,14 +353,6 @@ class _Right:
     bound: FloatArray
     e: FloatArray | float = 0.0
     terms: Terms | None = None
-
-    def and_(self, terms: Terms) -> _Right:
-        loading = replace(
-            self.loading,
-            load=self.loading.load + terms.load,
-            prescribed=self.loading.prescribed + terms.prescribed,
-        )
-        return _Right(loading, self.c + terms.c, self.bound + terms.bound, self.e + terms.e, terms)
 
 
 @dataclass(frozen=True, eq=False)
@@ -425,7 +423,8 @@ def _prescribed(problem: DiscreteProblem, still: Loading) -> Loading:
     if problem.body.undeformed is not None:
         start = None if before is None else before.time
         each = [nonlinear(one.body).prescribed_rate(start) for one in body.members]
-        return replace(still, prescribed=np.concatenate(each))
+        apart = body.constraints.apart_rate(problem.time)
+        return replace(still, prescribed=body.reduction.led(np.concatenate(each), apart), apart=apart)
     rest = None if before is None else End(before.time, np.zeros_like(body.x))
     given = problem.loading if rest is None else body.after(problem.time, rest)
     return replace(still, prescribed=given.prescribed, apart=given.apart)
@@ -451,8 +450,8 @@ def _inputs(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatAr
             put(f"gap of {face!r}", _Input(c=np.where(here, gap, 0.0)[:, None] * [1.0, 0.0, 0.0]))
     times = (problem.time,) if problem.before is None else (problem.time, problem.before.time)
     motions = zip(*(problem.body.foundation_motions(time) for time in times), strict=True)
-    for number, (face, given) in enumerate(zip(surface.faces, motions, strict=True)):
-        if any(np.any(one.translation) or one.angle for one in given):
+    for number, (face, moved) in enumerate(zip(surface.faces, motions, strict=True)):
+        if any(np.any(one.translation) or one.angle for one in moved):
             put(f"motion of the foundation of {face!r}", _Input(motions=np.eye(len(surface.faces))[number]))
     first = 0
     for one in problem.state.loaded:
@@ -469,8 +468,9 @@ def _inputs(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatAr
         where = "" if load.face is None else f" {'of' if thermal else 'on'} {load.face!r}"
         what = "temperature change" if thermal else load.kind.replace("_", " ")
         put(f"{what}{where}", _Input(loading=replace(still, load=load.forces)))
-    if over.any(bool(np.any(problem.prescribed) or np.any(loading.apart))):
-        put("prescribed displacements", _Input(loading=_prescribed(problem, still)))
+    given = _prescribed(problem, still)
+    if over.any(bool(np.any(given.prescribed) or np.any(given.apart))):
+        put("prescribed displacements", _Input(loading=given))
     if loading.tension is not None and np.any(loading.tension):
         put("pretension", _Input(loading=replace(still, tension=loading.tension)))
     for number, spring in enumerate(body.spring_forces(u)):

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from ..arrays import FloatArray
+from ..fem.contact import Pretension
 from ..linalg.reductions import Reductions
 from .discrete_problem import DiscreteProblem
 from .force_balance import force_balance
@@ -100,7 +101,7 @@ def contact_totals(at: NodalAnswer, derived: Derived, sign: float) -> dict[str, 
 
 
 def other_totals(
-    at: NodalAnswer, derived: Derived, totals: Mapping[str, Mapping[str, Any]], held: FloatArray | None, u: FloatArray
+    at: NodalAnswer, derived: Derived, totals: Mapping[str, Mapping[str, Any]], left: FloatArray | None, u: FloatArray
 ) -> dict[str, dict[str, Any]]:
     """Of reactions, probes, bodies, bolts, rigid faces and foundations under load, by their names.
 
@@ -108,7 +109,7 @@ def other_totals(
         at: The answer at the contact points.
         derived: Its derivative.
         totals: Of the contacts.
-        held: The forces of supports on places that move, newtons, shape (k, 3); None where they do not.
+        left: What supports and constraints hold on places that move, newtons, shape (k, 3); None where they do not.
         u: The displacement, metres, shape (k, 3).
     """
     changed, du = derived.problem, derived.u
@@ -120,11 +121,15 @@ def other_totals(
         of_ties = of_ties - constraints.forces(none, time)
     reaction = body.held.held_part(imbalance - of_ties)
     springs = list(body.spring_forces(du))
+    if left is not None:  # those of rigid faces are the last ones
+        for number, one in enumerate(constraints.sprung, len(springs) - len(constraints.sprung)):
+            springs[number] = replace(springs[number], forces=one.pull_rate(body.x, du, changed.comm))
     if derived.spring is not None:
         number, forces = derived.spring
         springs[number] = replace(springs[number], forces=springs[number].forces + forces)
     of = resultants(chain(body.shares(reaction), springs), body.x, over)
-    if held is not None:
+    if left is not None:
+        held = body.held.held_part(left - constraints.forces(left, time))
         way = du if derived.changed is None else derived.changed.way
         arms = resultants(chain(body.shares(held), body.spring_forces(u)), way, over)
         of = tuple(replace(one, moment=one.moment + arm.moment) for one, arm in zip(of, arms, strict=True))
@@ -133,8 +138,10 @@ def other_totals(
         "probes": {} if derived.changed else _probes(at, derived),
         "bodies": _strained(derived, u, over),
     }
-    if constraints.ties:
-        tied, still = (force_balance(changed, of, none, left, none) for of, left in ((du, imbalance), (none, none)))
+    if constraints.ties and left is not None:
+        entries |= _turned(derived, imbalance, left, u, over)
+    elif constraints.ties:
+        tied, still = (force_balance(changed, of, none, held, none) for of, held in ((du, imbalance), (none, none)))
         entries["bolts"] = {
             one.face: {"force": one.force - (0.0 if derived.pulled else by.force), "shortening": one.shortening}
             for one, by in zip(tied.bolts, still.bolts, strict=True)
@@ -148,6 +155,45 @@ def other_totals(
         }
     entries["loaded_foundations"] = _foundations(at, derived, totals)
     return {kind: {name: _plain(one) for name, one in of_kind.items()} for kind, of_kind in entries.items() if of_kind}
+
+
+_DIFFERENCE: Final = 1e-6
+"""Displacement of the differences of bolts over the size of the bodies."""
+
+
+def _turned(
+    derived: Derived, imbalance: FloatArray, left: FloatArray, u: FloatArray, over: Reductions
+) -> dict[str, dict[str, dict[str, Any]]]:
+    """Of bolts and rigid faces, which turn; collective."""
+    body, du, time, terms = derived.problem.elasticity, derived.u, derived.problem.time, derived.terms
+    assert terms is not None
+    constraints, x, found = body.constraints, body.x, dict[str, dict[str, dict[str, Any]]]()
+    forces = [list(constraints.shares(of, time)) for of in (left, imbalance, np.zeros_like(du))]
+    changes = []
+    for tie, more, still in zip(constraints.every, *forces[1:], strict=True):
+        share = more.forces - (0.0 if derived.pulled else still.forces)
+        share[tie.nodes] -= terms.turned[tie.nodes]
+        changes.append(replace(more, forces=share))
+    present, arms, change = (resultants(of, at, over) for of, at in ((forces[0], x), (forces[0], du), (changes, x)))
+    each = list(zip(present, change, arms, strict=True))
+    found["rigid_faces"] = {}
+    for motion, (now, more, arm) in zip(constraints.motions, each, strict=False):
+        point, way = motion.point, over.total(np.einsum("mcp,mc->p", motion.spread, du[motion.nodes]))
+        moment = more.moment + arm.moment - np.cross(way[:3], now.force) - np.cross(point, more.force)
+        entry = {"translation": way[:3], "rotation": way[3:], "force": more.force, "moment": moment}
+        found["rigid_faces"][motion.given.face] = entry
+    size, extent = over.max(np.abs(du).ravel()), max(over.max(axis) - over.min(axis) for axis in x.T)
+    h = _DIFFERENCE * extent / (size or 1.0)
+    sections = [one for one in each if one[0].kind == Pretension.kind]
+    ends = (constraints.bolts_at(u + step * du) for step in (-h, 0.0, h))
+    found["bolts"] = {
+        bolt.face: {
+            "force": float(bolt.direction @ more.force + (after.direction - before.direction) @ now.force / (2.0 * h)),
+            "shortening": (after.shortening - before.shortening) / (2.0 * h),
+        }
+        for before, bolt, after, (now, more, _) in zip(*ends, sections, strict=True)
+    }
+    return found
 
 
 def _moments(one: Resultant) -> dict[str, Any]:

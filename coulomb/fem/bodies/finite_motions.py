@@ -85,6 +85,11 @@ class FiniteMotion(FaceMotion):
         t[self.nodes] = self.place + q[:3] + self.arms @ rotation_matrix(q[3:]).T - x[self.nodes]
         return t
 
+    def prescribed_rate(self, x: FloatArray, time: float, comm: MPI.Comm) -> FloatArray:
+        q, t = np.where(self.given.prescribed, self.values(time, comm), 0.0), np.zeros_like(x)
+        t[self.nodes] = moved_at((self._by_changes @ q)[:, None], x[self.nodes] - self.point)[:, :, 0]
+        return t
+
     def moved_by(self, y: FloatArray, time: float, comm: MPI.Comm) -> tuple[FloatArray, FloatArray]:
         return self.point, self.pose
 
@@ -92,6 +97,13 @@ class FiniteMotion(FaceMotion):
         forces = np.zeros_like(u)
         forces[self.nodes] = -self.spread @ (self.given.stiffness * self.pose)
         return forces
+
+    def pull_rate(self, x: FloatArray, way: FloatArray, comm: MPI.Comm) -> FloatArray:
+        size = comm.allreduce(float(np.max(np.abs(way[self.nodes]), initial=0.0)), op=MPI.MAX)
+        arm = comm.allreduce(float(np.max(np.abs(self.arms), initial=0.0)), op=MPI.MAX)
+        h = _DIFFERENCE * arm / (size or 1.0)
+        more, less = (self.at_place(x + step * way, self.turn, comm).pull(way, comm) for step in (h, -h))
+        return (more - less) / (2.0 * h)
 
     def bent(self, forces: FloatArray, wrenches: Sequence[Wrench], comm: MPI.Comm) -> FloatArray:
         """The stiffness of its own unknowns by the forces f (k, 3) that its nodes lack, beside wrenches, N/m, shape (r,

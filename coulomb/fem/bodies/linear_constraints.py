@@ -20,7 +20,7 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray, IntArray
 from ..meshes import fetched, starts_of
-from .constraints import HeldNodes, at_nodes_of, distributed_rows, rows_of
+from .constraints import HeldNodes, at_nodes_of, distributed_rows
 from .finite_motions import turned_section, turned_tie
 from .free_motions import SHORTENS, FreeMotions, OpenedPart, least_energy, openings, together
 from .lasting_supports import End, act_together, acts, limits_of, share_left
@@ -169,7 +169,7 @@ class Constraints:
         """The same, where rigid faces turn by finite angles with the stiffness by the forces that their nodes lack
         (`FiniteMotion.bent`), from the internal forces less all other forces (k, 3), among which are those of wrenches
         on faces; itself without; collective."""
-        forces, stiffness = self._lacking(imbalance, time), np.zeros_like(self.reduction.stiffness)
+        forces, stiffness = self.lacking(imbalance, time), np.zeros_like(self.reduction.stiffness)
         for motion, own in self._of_faces:
             here = [one for one in wrenches if one.face == motion.given.face]
             others = sum((one.forces for one in here), forces + motion.pull(self._displacement, self.comm))
@@ -349,17 +349,23 @@ class Constraints:
             apart -= left
             size = self.comm.allreduce(float(np.max(np.abs(self._displaced), initial=0.0)), op=MPI.MAX)
             apart[np.abs(apart) <= _ROUNDING * size] = 0.0
-        offset = apart
-        prescribed = found.lifted(found.with_own(of_bodies.prescribed, np.zeros(found.width)))
-        for _ in range(LONGEST_CHAIN):  # u = W u + apart at slave nodes
-            prescribed = prescribed + offset
-            offset = found.followed(rows_of(found.W, offset))
-            if not self.comm.allreduce(bool(np.any(offset)), op=MPI.LOR):
-                break
+        prescribed = found.led(of_bodies.prescribed, apart)
         load = of_bodies.load
         if self._displaced is not None:
             load = sum((one.forces for one in self.spring_forces(self._displaced)), load)
         return replace(of_bodies, load=load, prescribed=prescribed, apart=apart, tension=self._tension(time))
+
+    def apart_rate(self, time: float) -> FloatArray:
+        """Derivative of how far nodes are prescribed to be apart from what they follow, by rigid faces, bolts and
+        equations, along the common factor of all that is prescribed, metres, shape (k, 3); collective."""
+        found, y = self.reduction, np.zeros(self.reduction.width)
+        offset = sum((one.prescribed_rate(found.x, time, self.comm) for one in self.motions), np.zeros_like(found.x))
+        for tie in self.ties:
+            if tie.prescribed is not None:
+                offset[tie.nodes] += tie.prescribed.at(time, self.comm)
+        for bolt, own in self._of_bolts:
+            y[own] = bolt.given.value(time, self.comm) if bolt.given.force is None else 0.0
+        return found.followed(offset) + found.moved(y)
 
     def after_transposed(self, time: float, start: float, owed: FloatArray) -> FloatArray:
         """What a function owes to the displacements after a load step that ended at `start`, by the lengths of locked
@@ -388,18 +394,19 @@ class Constraints:
 
     # --- forces and motions -------------------------------------------------------------------------------------------
 
-    def _lacking(self, imbalance: FloatArray, time: float) -> FloatArray:
+    def lacking(self, imbalance: FloatArray, time: float) -> FloatArray:
+        """The forces of all constraints on the nodes that follow; arguments as of `forces`; collective."""
         return self.reduction.lacking(imbalance, self._tension(time))
 
     def forces(self, imbalance: FloatArray, time: float) -> FloatArray:
         """The forces of all constraints on the bodies at a time in newtons, by the internal forces less all other
         forces, shapes (k, 3); collective."""
-        return self.reduction.on_followed(self._lacking(imbalance, time)) if self.ties else np.zeros_like(imbalance)
+        return self.reduction.on_followed(self.lacking(imbalance, time)) if self.ties else np.zeros_like(imbalance)
 
     def shares(self, imbalance: FloatArray, time: float) -> Iterator[NodalForces]:
         """The forces of every tie on the nodes of its slave face, in the order given; those of ties that do not act are
         0; collective."""
-        forces = self._lacking(imbalance, time)
+        forces = self.lacking(imbalance, time)
         for number, tie in enumerate(self.every):
             if self.acting and not self.acting[number]:
                 yield NodalForces(tie.kind.replace(" ", "_"), tie.face, np.zeros_like(forces))
@@ -413,7 +420,7 @@ class Constraints:
 
     def stresses(self, imbalance: FloatArray, time: float) -> dict[str, FloatArray]:
         """The `TIE_STRESSES` in pascals at this rank's nodes, shapes (k,), 0 off slave nodes; collective."""
-        forces = self._lacking(imbalance, time)
+        forces = self.lacking(imbalance, time)
         starts, found = starts_of(self.comm, len(forces)), np.zeros((2, len(forces)))
         for tie in self.ties:
             there = fetched(self.comm, starts, tie.traction.indices.astype(np.int64), forces)

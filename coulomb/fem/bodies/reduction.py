@@ -297,6 +297,19 @@ class Reduction:
             transferred = transferred + self.with_own(np.zeros_like(self.x), own)
         return self.kept(transferred)
 
+    def led(self, prescribed: FloatArray, apart: FloatArray) -> FloatArray:
+        """Displacements without unknowns, of nodes that supports prescribe to be displaced, or constraints to be apart
+        from what they follow, metres, shapes (k, 3); collective."""
+        if not self._ties:
+            return prescribed
+        u = self.lifted(self.with_own(prescribed, np.zeros(self.width)))
+        for _ in range(LONGEST_CHAIN):  # u = W u + apart at slave nodes
+            u = u + apart
+            apart = self.followed(rows_of(self.W, apart))
+            if not self.comm.allreduce(bool(np.any(apart)), op=MPI.LOR):
+                break
+        return u
+
     def reduced(self, u: FloatArray, offset: FloatArray | float = 0.0) -> FloatArray:
         """The unknowns of displacements u (k, 3), or (k, 3, j), of which slave nodes are prescribed to be apart by an
         offset; 0 at slave nodes; collective."""

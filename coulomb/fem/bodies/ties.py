@@ -125,6 +125,11 @@ class FaceMotion:
         return self
 
     @property
+    def point(self) -> FloatArray:
+        """The reference point where it is known to be, metres, shape (3,)."""
+        return self.place
+
+    @property
     def turn(self) -> FloatArray:
         """The rotation vector of its pose, of a `FiniteMotion`; else 0; radians, shape (3,)."""
         return np.zeros(3)
@@ -140,6 +145,10 @@ class FaceMotion:
     def pull(self, u: FloatArray, comm: MPI.Comm) -> FloatArray:
         """Nodal forces in newtons of its spring where the displacement is u (k, 3), of the same shape; collective."""
         return self.spring_force(u, self.given.stiffness, comm)
+
+    def pull_rate(self, x: FloatArray, way: FloatArray, comm: MPI.Comm) -> FloatArray:
+        """Derivative of `pull` as its nodes, at x (k, 3), move along a way (k, 3), of the same shape; collective."""
+        return self.pull(way, comm)
 
     def bent(self, forces: FloatArray, wrenches: Sequence[Wrench], comm: MPI.Comm) -> FloatArray:
         """As of `FiniteMotion`: 0, shape (r, r)."""
@@ -174,6 +183,10 @@ class FaceMotion:
         values, t = self.values(time, comm), np.zeros_like(x)
         t[self.nodes] = moved_at(values[:, None], x[self.nodes] - self.place)[:, :, 0]
         return t
+
+    def prescribed_rate(self, x: FloatArray, time: float, comm: MPI.Comm) -> FloatArray:
+        """Derivative of `prescribed` along the common factor of its components, arguments as there; collective."""
+        return self.prescribed(x, time, comm)
 
     def refuse_other(self, held: FloatArray, size: float, comm: MPI.Comm) -> None:
         """ValueError on every rank if supports prescribe other displacements at its nodes than it does: `held` (k, 3)
