@@ -33,7 +33,6 @@ TIE_STRESSES = ("peel_stress", "shear_stress")
 """Tractions of ties at slave nodes: along the outward normal, positive where the tie pulls, and the size of the part
 across it."""
 
-
 _ROUNDING: Final = 2.0**-46
 """Displacement of slave nodes that is left, over the largest displacement, that is a rounding error."""
 
@@ -314,12 +313,7 @@ class Constraints:
             return of_bodies
         found, time, x = self.reduction, of_bodies.time, self.reduction.x
         before = before or self._before
-        offset = np.zeros_like(x)
-        for motion in self.motions:
-            offset += motion.prescribed(x, time, self.comm)
-        for tie in self.ties:
-            if tie.prescribed is not None:
-                offset[tie.nodes] += tie.prescribed.at(time, self.comm)
+        offset = self._offset([one.prescribed(x, time, self.comm) for one in self.motions], time)
         if before is not None and self._begun:
             left = found.apart(before.displacement)
             for one, tie in self._begun:
@@ -334,10 +328,8 @@ class Constraints:
         y = np.zeros(found.width)
         kept = self.bolts if before is None else self._sections(before.displacement)
         for (bolt, own), locked, then in zip(self._of_bolts, self.locked, kept, strict=True):
-            if not locked:
-                y[own] = bolt.shortening
-            else:
-                y[own] = bolt.given.value(time, self.comm) if bolt.given.force is None else then.shortening
+            length = bolt.given.value(time, self.comm) if bolt.given.force is None else then.shortening
+            y[own] = length if locked else bolt.shortening
         apart = found.followed(offset) + found.moved(y)
         if self._displaced is not None:  # what is left
             left = found.left_apart(self._displaced)
@@ -355,14 +347,18 @@ class Constraints:
             load = sum((one.forces for one in self.spring_forces(self._displaced)), load)
         return replace(of_bodies, load=load, prescribed=prescribed, apart=apart, tension=self._tension(time))
 
+    def _offset(self, of_faces: Sequence[FloatArray], time: float) -> FloatArray:
+        offset = sum(of_faces, np.zeros_like(self.reduction.x))
+        for tie in self.ties:
+            if tie.prescribed is not None:
+                offset[tie.nodes] += tie.prescribed.at(time, self.comm)
+        return offset
+
     def apart_rate(self, time: float) -> FloatArray:
         """Derivative of how far nodes are prescribed to be apart from what they follow, by rigid faces, bolts and
         equations, along the common factor of all that is prescribed, metres, shape (k, 3); collective."""
         found, y = self.reduction, np.zeros(self.reduction.width)
-        offset = sum((one.prescribed_rate(found.x, time, self.comm) for one in self.motions), np.zeros_like(found.x))
-        for tie in self.ties:
-            if tie.prescribed is not None:
-                offset[tie.nodes] += tie.prescribed.at(time, self.comm)
+        offset = self._offset([one.prescribed_rate(found.x, time, self.comm) for one in self.motions], time)
         for bolt, own in self._of_bolts:
             y[own] = bolt.given.value(time, self.comm) if bolt.given.force is None else 0.0
         return found.followed(offset) + found.moved(y)
