@@ -266,15 +266,25 @@ class _Answer:
     def _solved(self, rights: Sequence[_Right], sign: float) -> list[_Solved]:
         """By the linear problem, as the input grows (sign 1) or falls (-1); collective."""
         posed, changes = [with_loading(self._problem, one.loading) for one in rights], []
-        for one, changed in zip(rights, posed, strict=True):
+        moved = [self._carried(one.loading) for one in rights]
+        for one, changed, carried in zip(rights, posed, moved, strict=True):
             e = [np.zeros(0) if each.state.rigid is None else each.state.rigid.e for each in (changed, self._without)]
-            closing = (changed.b - self._without.b).reshape(-1, 3) - one.c
-            changes.append(Change(sign * closing.ravel(), sign * one.bound, sign * (e[0] - e[1] + one.e)))
-        owed = derivatives(self._problem.friction_problem, self._x, changes)
-        return [
-            _Solved(changed, one, changed.moved(changed.displacement(sign * one.x), sign * one.alpha))
-            for changed, one in zip(posed, owed, strict=True)
-        ]
+            closing, f = -one.c, None
+            if carried:
+                closing = (changed.b - self._without.b).reshape(-1, 3) - one.c
+            else:
+                f = sign * self._problem.elasticity.reduction.along(one.loading.load, one.loading.tension).ravel()
+            changes.append(Change(sign * closing.ravel(), sign * one.bound, sign * (e[0] - e[1] + one.e), f))
+        owed, solved = derivatives(self._problem.friction_problem, self._x, changes), []
+        for changed, found, carried in zip(posed, owed, moved, strict=True):
+            u = sign * self._problem.elasticity.reduction.displacement(found.u.reshape(-1, 3))
+            u = u + changed.linear.free_displacement if carried else u
+            solved.append(_Solved(changed, found, changed.moved(u, sign * found.alpha)))
+        return solved
+
+    def _carried(self, loading: Loading) -> bool:
+        """Whether displacements are prescribed, of which the body without contact has its share exactly; collective."""
+        return self._over.any(bool(np.any(loading.prescribed) or np.any(loading.apart)))
 
     def _with_terms(
         self, rights: Sequence[_Right], solved: Sequence[_Solved], ways: Sequence[Way], sign: float

@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
-from scipy.linalg.lapack import dgetrf, dgetrs
+from scipy.linalg.lapack import dgetrf, dgetrs, sgetrf, sgetrs
 
 from ..arrays import FloatArray
 from ..linalg.compliance import LowRankApproximation
@@ -35,6 +35,12 @@ _ROUNDING: Final = 1e-13
 
 _LARGE: Final = 1e3
 """Entries of R D above this leave rounding errors in the sums, which are then made anew."""
+
+_RANK: Final = 1e-6
+"""Singular values of the Q of nodes below this part of the largest of all are 0."""
+
+_SHIFT: Final = (1e-10, 1e-6)
+"""Part of diag(A) that is added to it, in double and in single precision."""
 
 
 class ContactPreconditioner:
@@ -113,29 +119,81 @@ class ContactPreconditioner:
 
 
 class FormedInverse:
-    """M^-1 with A itself, formed, shape (3 m, 3 m), on one rank: for the many right-hand sides of derivatives."""
+    """M^-1 with A = H H^T in place of its approximation, on one rank: for the many right-hand sides of derivatives.
 
-    def __init__(self, A: FloatArray, diagonal: FloatArray):
-        self._A = A + np.diag(np.where(np.diag(A) > 0.0, 0.0, diagonal.ravel()))
+    At each point the rows of M where Q has none, as dx_n = .. where it is open, and the direction of friction where it
+    slips, are conditions on dx alone: dx = G r + N y satisfies them with any y, and what is left of M is a dense matrix
+    for y, one unknown for each rank of Q.
+
+    Args:
+        H: Shape (3 m, columns), in the precision in which M is factorised.
+        diagonal: diag(A) or, where that is 0, any positive number, shape (m, 3): that takes its place.  A small part of
+            it is added to A, which is singular where contact points are on a rigid face.
+    """
+
+    def __init__(self, H: FloatArray, diagonal: FloatArray):
+        self._H = H
+        there = np.einsum("ij,ij->i", H, H).reshape(diagonal.shape) > 0.0
+        self._extra: FloatArray = np.where(there, _SHIFT[H.dtype == np.float32], 1.0) * diagonal
         self._at: ContactDerivative | None = None
 
     def move(self, at: ContactDerivative) -> None:
         """To a point: the equations and their derivative there."""
         if at is self._at:
             return
-        m, self._at = len(at.P), at
-        M = np.einsum("iab,ibk->iak", at.Q, self._A.reshape(m, 3, 3 * m))
-        M.reshape(m, 3, m, 3)[np.arange(m), :, np.arange(m)] += at.P
-        self._factors, self._pivots, _ = dgetrf(M.reshape(3 * m, 3 * m))  # a singular one gives no numbers
+        m, self._at, H = len(at.P), at, self._H
+        self._P, self._Q = at.P + at.Q * self._extra[:, None, :], at.Q
+        U, size, _ = np.linalg.svd(at.Q)
+        rank = np.sum(size > _RANK * np.max(size, initial=0.0), axis=1)
+        self._R, self._N, self._G = U.transpose(0, 2, 1).copy(), np.zeros((m, 3, 3)), np.zeros((m, 3, 3))
+        for r in range(4):  # R and N have r rows and columns that are not 0
+            here = np.flatnonzero(rank == r)
+            if r < 3 and len(here):
+                alone = self._R[here, r:] @ self._P[here]
+                self._G[here] = np.linalg.pinv(alone) @ self._R[here, r:]
+                V = np.linalg.svd(alone)[2]
+                self._N[here, :, :r] = V[:, 3 - r :].transpose(0, 2, 1)
+            else:
+                self._N[here] = np.eye(3)
+            self._R[here, r:] = 0.0
+        self._kept = np.flatnonzero(np.arange(3) < rank[:, None])
+        nodal = H.reshape(m, 3, H.shape[1])
+        right = (self._N.transpose(0, 2, 1).astype(H.dtype) @ nodal).reshape(H.shape)[self._kept]
+        left = ((self._R @ self._Q).astype(H.dtype) @ nodal).reshape(H.shape)[self._kept]
+        whole = np.zeros((m, 3), dtype=np.int64)
+        whole.ravel()[self._kept] = np.arange(len(self._kept))
+        M = left @ right.T
+        of_nodes = self._R @ self._P @ self._N
+        node, row = np.divmod(self._kept, 3)
+        for column in range(3):
+            there = column < rank[node]
+            M[np.flatnonzero(there), whole[node[there], column]] += of_nodes[node[there], row[there], column]
+        getrf = sgetrf if H.dtype == np.float32 else dgetrf
+        if len(M):
+            self._factors, self._pivots, _ = getrf(M, overwrite_a=1)  # a singular one gives no numbers
 
     def __call__(self, r: FloatArray) -> FloatArray:
         """M^-1 applied to r (m, 3) or (m, 3, columns)."""
-        return self._solved(r, 0)
+        shape, r = r.shape, r.reshape(*r.shape[:2], -1)
+        z = self._G @ r
+        return (z + self._N @ self._solved(self._R @ (r - self._P @ z - self._Q @ self._product(z)), 0)).reshape(shape)
 
     def transposed(self, r: FloatArray) -> FloatArray:
         """M^-T applied likewise."""
-        return self._solved(r, 1)
+        shape, r = r.shape, r.reshape(*r.shape[:2], -1)
+        R, P, Q, N, G = (of.transpose(0, 2, 1) for of in (self._R, self._P, self._Q, self._N, self._G))
+        z = R @ self._solved(N @ r, 1)
+        return (z + G @ (r - P @ z - self._product(Q @ z))).reshape(shape)
+
+    def _product(self, z: FloatArray) -> FloatArray:
+        """H H^T z, shape (m, 3, columns)."""
+        flat = z.reshape(len(self._H), -1).astype(self._H.dtype)
+        return (self._H @ (self._H.T @ flat)).reshape(z.shape).astype(np.float64)
 
     def _solved(self, r: FloatArray, trans: int) -> FloatArray:
-        found: FloatArray = dgetrs(self._factors, self._pivots, r.reshape(len(self._A), -1), trans=trans)[0]
-        return found.reshape(r.shape)
+        flat, getrs = r.reshape(len(self._H), -1), sgetrs if self._H.dtype == np.float32 else dgetrs
+        y = np.zeros_like(flat)
+        if len(self._kept):
+            known = flat[self._kept].astype(self._H.dtype)
+            y[self._kept] = getrs(self._factors, self._pivots, known, trans=trans)[0]
+        return y.reshape(r.shape)

@@ -13,10 +13,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from ..linalg.compliance import CarryingKrylov, ConstraintPreconditioner, Constraints, Formed
+from ..linalg.compliance import BodyCompliance, ConstraintPreconditioner, Constraints, CoupledKrylov
 from .border import Border
 from .contact_equations import ContactDerivative
 from .contact_preconditioner import ContactPreconditioner, FormedInverse
@@ -25,16 +24,11 @@ from .results import Goal
 from .rigid_motions import NO_MOTION
 from .semismooth_newton import SemismoothIteration, SemismoothNewton
 
-_SHARPEST: Final = 1e-12
-_BY_PRODUCTS: Final = 1e-10
-"""Relative residual of the systems of derivatives, with A formed and where each product by A takes a solve."""
+_ACCURACY = (1e-12, 1e-10)
+"""Relative residual of the systems of derivatives, with factors and by multigrid."""
 
-_SPARE: Final = 0.1
-"""Accuracy of the products of a system for derivatives, over that of a Newton system."""
-
-_MANY: Final = 60
-_FORMED: Final = 3000
-"""Iterations of such a system from which on the others have A as a matrix, and its size up to which they may."""
+_FORMED: Final = 4000
+"""Contact unknowns up to which the systems have A as a matrix, where it is at hand."""
 
 _SOLVED: Final = 1e-6
 """Relative residual of such a system above which it is singular, nearly."""
@@ -60,11 +54,13 @@ class Change:
         b: Of b, metres, shape (3 m,).
         bound: Of the bound r of friction at the present pressure, newtons, shape (m,).
         e: Of the loads along rigid motions, shape (q,).
+        f: Of the loads along displacements, newtons, shape (n,), beside those of which b has the displacements.
     """
 
     b: FloatArray
     bound: FloatArray
     e: FloatArray
+    f: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +69,7 @@ class Derivative:
 
     Attributes:
         x: Of the forces, newtons, shape (3 m,).
+        u: Of the displacement K^-1 (f - B^T x), metres, this rank's unknowns, shape (n,).
         alpha: Of the rigid motions, shape (q,).
         step: Change of the parameter up to which, to first order, no node opens, closes, sticks or slips anew; the
             derivative is that of a smooth function in between.  0 if the states of nodes on a border were not found.
@@ -81,6 +78,7 @@ class Derivative:
     """
 
     x: FloatArray
+    u: FloatArray
     alpha: FloatArray
     step: float
     border: int
@@ -123,33 +121,28 @@ def gradient(
 
 
 def _at_answer(problem: FrictionProblem) -> _Derivatives:
-    settings = SemismoothNewton(sharpest=_SHARPEST if isinstance(problem.A, Formed) else _BY_PRODUCTS)
+    settings = SemismoothNewton()
     return _Derivatives(settings, problem, Task(Goal(settings.tolerance, None), None, None, None))
 
 
 class _Derivatives(SemismoothIteration):
-    """The iteration at an answer; where Krylov methods converge slowly, with A as a matrix."""
+    """The iteration at an answer."""
 
     _inverse: ContactPreconditioner | FormedInverse  # type: ignore[assignment]
 
     def derivatives(self, x: FloatArray, changes: Sequence[Change]) -> list[Derivative]:
         """As of the function `derivatives`; collective."""
-        a, slips = self._a, self._settle(x)
+        slips = self._settle(x)
         w, known, slope = self._w(self._A_x, self._alpha), self._problem.known_slip, self._problem.law.slope(x[0::3])
-        krylov = self._krylov = self._new_krylov(self._sharper_product)
-        try:
-            border = self._border(w)
-            points = round(self._over.sum(border.points.astype(np.float64)))
-            found = []
-            for change in changes:
-                loads = self._T @ change.e if len(self._e) else NO_MOTION
-                dx, dw, dalpha, settled = self._along(border, slips, change.b.reshape(-1, 3) / a, change.bound, loads)
-                dx[known, 1:] = ((slope * dx[:, 0] + change.bound)[:, None] * slips)[known]
-                step = self._equations.nearest_change(self._x, w, dx, dw, change.bound, self._over, border.points)
-                found.append(Derivative(dx.ravel(), self._motion(dalpha), step if settled else 0.0, points))
-            return found
-        finally:
-            krylov.free()
+        border = self._border(w)
+        points = round(self._over.sum(border.points.astype(np.float64)))
+        found = []
+        for change in changes:
+            dx, dw, u, dalpha, settled = self._along(border, slips, change)
+            dx[known, 1:] = ((slope * dx[:, 0] + change.bound)[:, None] * slips)[known]
+            step = self._equations.nearest_change(self._x, w, dx, dw, change.bound, self._over, border.points)
+            found.append(Derivative(dx.ravel(), u, self._motion(dalpha), step if settled else 0.0, points))
+        return found
 
     def _border(self, w: FloatArray) -> Border:
         """The points whose state is not decided by the answer, as accurately as it is known; collective."""
@@ -158,17 +151,19 @@ class _Derivatives(SemismoothIteration):
         return Border.found(self._equations, self._at, self._x, w, max(_DECIDED, _TIMES * left) * scale)
 
     def _along(
-        self, border: Border, slips: FloatArray, closing: FloatArray, bound: FloatArray, loads: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
-        """dx, dw and dalpha along a change of b (m, 3), the bound (m,) and loads along motions, and whether the states
-        of points on a border have been found; collective."""
+        self, border: Border, slips: FloatArray, change: Change
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, bool]:
+        """dx, dw, du and dalpha along a change, and whether the states of points on a border have been found;
+        collective."""
         answer: ContactDerivative = self._at
+        closing, bound = change.b.reshape(-1, 3) / self._a, change.bound
+        loads = self._T @ change.e if len(self._e) else NO_MOTION
         of_bound = np.where(answer.status == 2, bound, 0.0)[:, None] * slips
         for _ in range(_ATTEMPTS):
             rhs = np.einsum("iab,ib->ia", self._at.Q, closing)
             rhs[:, 1:] += of_bound
-            dx, A_dx, dalpha = self._solved_for(rhs, loads)
-            dw = self._constraints.without(A_dx - closing, dalpha)
+            dx, u, dalpha = self._solved_for(change.f, rhs, loads)
+            dw = self._constraints.without(-self._body.rows(u).reshape(-1, 3) / self._a - closing, dalpha)
             at, turned = border.along(dx, dw, bound)
             other = np.any(at.status != self._at.status) or np.any(np.abs(at.P - self._at.P) > _SETTLED)
             settled = not self._over.any(bool(other))
@@ -176,7 +171,7 @@ class _Derivatives(SemismoothIteration):
                 break
             self._at, of_bound = at, np.where(border.rubbing[:, None], turned, of_bound)
         self._at = answer
-        return dx, dw, dalpha, settled
+        return dx, dw, u, dalpha, settled
 
     def gradient(
         self, x: FloatArray, of_x: FloatArray, of_alpha: FloatArray, undetermined: FloatArray, firm: bool
@@ -184,7 +179,7 @@ class _Derivatives(SemismoothIteration):
         """As of the function `gradient`; collective.
 
         By the transposed system [P^T + A Q^T, G^T; -G Q^T, 0] of multipliers (z, mu): Q^T z and mu are the derivatives
-        along b and e.  In place of A dx its Krylov method carries A Q^T z.
+        along b and e.
         """
         slips, known, slope = self._settle(x), self._problem.known_slip, self._problem.law.slope(x[0::3])
         border = self._border(self._w(self._A_x, self._alpha))
@@ -205,31 +200,35 @@ class _Derivatives(SemismoothIteration):
         rows, inverse = self._scale()[:, None], self._inverse
         inverse.move(self._at)
         constraints = Constraints(self._scaled.comm, self._scaled.G, QG)
-        bordered = ConstraintPreconditioner(inverse.transposed, constraints, 3, self._scaled.G)
-        krylov = self._krylov = CarryingKrylov(
+        krylov = CoupledKrylov(
+            self._body,
+            self._a,
             constraints,
-            3,
-            lambda z: self._sharper_product(np.einsum("iab,ib->ia", Q, z)),
-            lambda z, w: rows * (np.einsum("iab,ib->ia", P, z) + w),
-            lambda r, s: bordered(r / rows, s),
-            PETSc.KSP.Type.FGMRES,
+            lambda z: np.einsum("iab,ib->ia", Q, z),
+            lambda z, w: np.einsum("iab,ib->ia", P, z) + w,
+            ConstraintPreconditioner(inverse.transposed, constraints, 3, self._scaled.G),
+            rows,
+            self._over.max(rows),
         )
-        try:
-            self._accuracy = self._settings.sharpest
-            size = math.hypot(self._over.norm(rows * g), float(np.linalg.norm(r3)))
-            z: FloatArray = np.zeros_like(g)
-            mu: FloatArray = np.zeros(len(self._e))
-            if size > 0.0:
-                z, _, mu, _ = krylov.solve(rows * g, z, self._accuracy * size, r3)
-                _refuse_unsolved(krylov.left, size)
-        finally:
-            krylov.free()
+        size = math.hypot(self._over.norm(rows * g), float(np.linalg.norm(r3)))
+        z: FloatArray = np.zeros_like(g)
+        mu: FloatArray = np.zeros(len(self._e))
+        if size > 0.0:
+            none = np.zeros(self._body.size)
+            _, z, mu, left = krylov.solve(none, g, r3, self._accuracy * size)
+            _refuse_unsolved(left, size)
         bound += np.where(self._at.status == 2, np.einsum("ka,ka->k", slips, z[:, 1:]), 0.0)
         e = -self._T.T @ mu if len(self._e) else NO_MOTION
         return Change(np.einsum("iab,ib->ia", Q, z).ravel() / self._a, bound, e), points
 
     def _settle(self, x: FloatArray) -> FloatArray:
         """To an answer x (3 m,) and the equations there; the directions of friction, shape (m, 2); collective."""
+        A = self._problem.A
+        assert isinstance(A, BodyCompliance)
+        self._body, self._accuracy = A.elimination(), _ACCURACY[A.matrix_free is not None]
+        if (half := A.half()) is not None and len(half) <= _FORMED:
+            root = half.dtype.type(math.sqrt(self._a))
+            self._inverse = FormedInverse(half / root, self._scaled.diagonal)
         self._x = x.reshape(-1, 3).copy()
         self._x[~self._problem.frictional, 1:] = 0.0
         self._A_x = self._images.exact(self._x)
@@ -245,27 +244,32 @@ class _Derivatives(SemismoothIteration):
         scale = self._problem.force_scale(self._x.ravel(), self._a * self._w(self._A_x, self._alpha).ravel())
         return np.where(scale > 1e-290, scale, 1.0)
 
-    def _solved_for(self, rhs: FloatArray, loads: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """dx, A dx and dalpha of the derivative of the equations at the present point, for a right-hand side (m, 3) and
-        loads along motions; collective."""
-        self._rows = 1.0 / self._scale()[:, None]
-        self._inverse.move(self._at)
-        self._bordered = ConstraintPreconditioner(self._inverse, self._constraints, 3, self._at.Q @ self._scaled.G)
-        largest = float(np.linalg.norm(loads))
-        over_largest = self._over.min(self._rows.ravel()) * largest if largest else 0.0
-        size, self._accuracy = math.hypot(self._over.norm(self._rows * rhs), over_largest), self._settings.sharpest
+    def _solved_for(
+        self, f: FloatArray | None, rhs: FloatArray, loads: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """dx, du and dalpha of the derivative of the equations at the present point, for loads along displacements, a
+        right-hand side (m, 3) and loads along motions; collective."""
+        over, at = self._over, self._at
+        rows = 1.0 / self._scale()[:, None]
+        weight, f = over.min(rows), np.zeros(self._body.size) if f is None else f
+        self._inverse.move(at)
+        krylov = CoupledKrylov(
+            self._body,
+            self._a,
+            self._constraints,
+            lambda x: x,
+            at.apply,
+            ConstraintPreconditioner(self._inverse, self._constraints, 3, at.Q @ self._scaled.G),
+            rows,
+            weight,
+        )
+        size = math.hypot(over.norm(rows * rhs), weight * over.norm(f), weight * float(np.linalg.norm(loads)))
         if size == 0.0:
-            return np.zeros_like(rhs), np.zeros_like(rhs), np.zeros(len(loads))
-        enough = self._accuracy * max(size, _SLIGHT * self._over.norm(self._rows * self._x))
-        dx, A_dx, dalpha, iterations = self._krylov.solve(self._rows * rhs, np.zeros_like(rhs), enough, loads)
-        _refuse_unsolved(self._krylov.left, enough / self._accuracy)
-        small = self._over.comm.size == 1 and dx.size <= _FORMED
-        if iterations > _MANY and small and isinstance(self._problem.A, Formed):
-            self._inverse = FormedInverse(self._scaled.dense(), self._scaled.diagonal)
-        return dx, A_dx, dalpha
-
-    def _sharper_product(self, x: FloatArray) -> FloatArray:
-        return self._scaled.mult(x, _SPARE * self._krylov.allowed(self._accuracy))
+            return np.zeros_like(rhs), np.zeros_like(f), np.zeros(len(loads))
+        size = max(size, _SLIGHT * over.norm(rows * self._x))
+        u, dx, dalpha, left = krylov.solve(f, rhs, loads, self._accuracy * size)
+        _refuse_unsolved(left, size)
+        return dx, u, dalpha
 
 
 def _refuse_unsolved(left: float, size: float) -> None:

@@ -138,17 +138,29 @@ def test_the_adjoint_agrees_with_the_derivatives(make):
 
 
 def test_with_the_compliance_as_a_matrix_they_are_the_same(monkeypatch):
-    """Of a body that contact alone holds: one system by products with A, the others and transposed by its inverse."""
-    answer, found, products = free().solve(tolerance=1e-12), [], []
-    for many in (1000, 0):
-        monkeypatch.setattr(derivatives, "_MANY", many)
-        before = answer.problem.A.products
+    """Of a body that contact alone holds, with A as a matrix and with its low-rank approximation."""
+    answer, found = free().solve(tolerance=1e-12), []
+    for formed in (4000, 0):
+        monkeypatch.setattr(derivatives, "_FORMED", formed)
         found.append(answer.sensitivities())
-        products.append(answer.problem.A.products - before)
-    assert products[1] < products[0]
     for one, other in zip(*found, strict=True):
         size = np.linalg.norm(answer.contact_force)
         assert one.contact_force == pytest.approx(other.contact_force, abs=1e-9 * size), one.name
+
+
+def test_a_body_that_contact_alone_holds_changes_first_where_differences_say():
+    """By forces over their bounds and slips of answers nearby, to first order."""
+    h, before = 1e-5, free().solve(tolerance=1e-12)
+    slips = before.at_nodes.status == 2
+
+    def margins(friction):
+        at = free(friction=friction).solve(tolerance=1e-12).at_nodes
+        left = friction * at.force[:, 0] - np.linalg.norm(at.force[:, 1:], axis=1)
+        return np.concatenate([at.force[:, 0], left[~slips], np.linalg.norm(at.slip[slips], axis=-1)])
+
+    rates = (margins(0.3 * (1.0 + h)) - margins(0.3 * (1.0 - h))) / (2.0 * h)
+    step = next(one.step for one in before.sensitivities() if one.name.startswith("friction"))
+    assert step == pytest.approx(np.min(np.abs(margins(0.3) / rates)), rel=1e-3)
 
 
 def test_forces_are_homogeneous():

@@ -410,4 +410,4 @@ def _no_rows(slave: int, master: int) -> MortarRows:
     no, none = np.empty(0), np.empty(0, dtype=np.int64)
     rows, opposite = (scipy.sparse.csr_matrix((0, size)) for size in (slave, master))
     places = np.empty((0, 3))
-    return MortarRows(none, no, no, places, places, places, no, no, rows, opposite, none, 0.0, 0)
+    return MortarRows(none, no, no, places, places, places, np.zeros((0, 2)), no, rows, opposite, none, 0.0, 0)

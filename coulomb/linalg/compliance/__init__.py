@@ -3,6 +3,7 @@ low-rank corrections of systems with it.
 """
 
 from .compliance import BodyCompliance, Compliance, Formed, MatrixCompliance, MatrixFreeCompliance, estimated_diagonal
+from .coupled import CoupledKrylov, Elimination
 from .krylov import CarryingKrylov, ConstraintPreconditioner, Constraints, NodalMap
 from .low_rank import REPLACED, LinearResponseCache, LowRankApproximation, LowRankUpdate, RecycledColumns
 from .predicted_cost import (

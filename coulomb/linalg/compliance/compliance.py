@@ -14,6 +14,7 @@ from ...arrays import FloatArray
 from ..reductions import Reductions
 from ..solve_errors import CGNotConverged, TooSlow
 from ..uncoupled import parts_of
+from .coupled import Elimination
 from .low_rank import RecycledColumns, turned_diagonal
 from .stiffness import SoftMotions, StiffnessSolver
 
@@ -71,6 +72,7 @@ class Compliance(Protocol):
         ...
 
 
+@runtime_checkable
 class BodyCompliance(Compliance, Protocol):
     """A = B K^-1 B^T with access to K and B."""
 
@@ -93,6 +95,14 @@ class BodyCompliance(Compliance, Protocol):
 
         A x - b is then as accurate as the displacement under both allows.  Not to be changed afterwards; collective.
         """
+        ...
+
+    def half(self) -> FloatArray | None:
+        """H with A = H H^T, nearly, shape (3 m, columns), if it is at hand, on one rank; else None."""
+        ...
+
+    def elimination(self) -> Elimination:
+        """K, B, and an approximation of K^-1 that takes little time; collective, as all that it does."""
         ...
 
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
@@ -398,6 +408,23 @@ class MatrixFreeCompliance(LimitedProducts):
     def displaced(self, v: PETSc.Vec) -> FloatArray:
         """A x = B (v + K^-1 f) of v = K^-1 (B^T x - f)."""
         return self._moved(self._free + v.array_r)
+
+    def half(self) -> None:
+        """None: there is no A."""
+
+    def elimination(self) -> Elimination:
+        """K^-1 by a V-cycle."""
+
+        def begin(f: FloatArray) -> FloatArray:
+            self._rhs.array[:] = f
+            self._solver.approximate(self._rhs, self._u)
+            self.B.mult(self._u, self._x)
+            return self._x.array_r.copy()
+
+        def end(_: FloatArray) -> FloatArray:  # what contact forces leave over is for the next application
+            return self._u.array_r.copy()
+
+        return Elimination(self._solver, self.B, begin, end)
 
     def rotated(self, B: PETSc.Mat, turn: FloatArray) -> MatrixFreeCompliance:
         rest: FloatArray = np.einsum("iab,ib->ia", turn**2, self._elastic.rest.reshape(-1, 3)).ravel()

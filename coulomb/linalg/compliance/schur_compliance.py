@@ -13,6 +13,7 @@ from ...arrays import FloatArray
 from ..factors import FirstRankSolver, MultifrontalSolver, inverse_factor
 from ..reductions import Reductions, summed
 from .compliance import LimitedProducts, MatrixFreeCompliance
+from .coupled import Elimination
 from .low_rank import RecycledColumns
 
 SchurSolver = MultifrontalSolver | FirstRankSolver
@@ -130,13 +131,31 @@ class SchurCompliance(LimitedProducts):
         """See `Formed`; on one rank."""
         assert isinstance(self._solver, MultifrontalSolver)
         self._solver.use_double()
-        whole = np.zeros((self._rows.shape[0],) * 2)
+        half = self.half()
+        assert half is not None
+        return half @ half.T
+
+    def half(self) -> FloatArray | None:
+        """To the accuracy of the factors, and in their precision, shape (3 m, 3 last)."""
+        if not isinstance(self._solver, MultifrontalSolver):
+            return None
+        factors, dtype = self._solver.schur_factors, np.dtype(np.float64 if self.exact else np.float32)
+        half: FloatArray = np.zeros(self._rows.shape, dtype=dtype)
         start = 0
-        for L in self._solver.schur_factors:
-            half = self._rows[:, start : start + len(L)] @ np.tril(inverse_factor(L)).T
-            whole += half @ half.T
+        for L in factors:
+            here = slice(start, start + len(L))
+            half[:, here] = self._rows[:, here].astype(dtype) @ np.tril(inverse_factor(L)).T
             start += len(L)
-        return whole
+        return half
+
+    def elimination(self) -> Elimination:
+        """K^-1 by one application of the factors as they are."""
+        solver = self._solver
+
+        def begin(f: FloatArray) -> FloatArray:
+            return self._rows @ solver.begin(f)
+
+        return Elimination(solver, self.B, begin, lambda x: solver.end(-self._forces(x)))
 
     def rotated(self, B: PETSc.Mat, turn: FloatArray) -> SchurCompliance:
         return SchurCompliance(B, self._solver, reference=self._reference)

@@ -85,6 +85,10 @@ class StiffnessSolver(Protocol):
         """
         ...
 
+    def approximate(self, rhs: PETSc.Vec, u: PETSc.Vec) -> None:
+        """u <- K^-1 rhs, nearly: linear in rhs, and in little time; collective."""
+        ...
+
     def multiply(self, u: PETSc.Vec, product: PETSc.Vec) -> None:
         """product <- K u, in double precision."""
         ...
@@ -117,6 +121,10 @@ class DirectSolver:
         return self._ksp.getPC().getFactorMatrix()
 
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
+        self._ksp.solve(rhs, u)
+
+    def approximate(self, rhs: PETSc.Vec, u: PETSc.Vec) -> None:
+        """By the factors."""
         self._ksp.solve(rhs, u)
 
     def multiply(self, u: PETSc.Vec, product: PETSc.Vec) -> None:
@@ -227,6 +235,14 @@ class IterativeSolver:
         """Compute rigid motions on soft springs apart from now on, exactly; tolerances are then relative to the forces
         less what the springs carry in these motions."""
         self._soft = soft
+
+    def approximate(self, rhs: PETSc.Vec, u: PETSc.Vec) -> None:
+        """By a V-cycle."""
+        r, size = padded(len(self._u)), float(rhs.norm(PETSc.NormType.NORM_INFINITY)) or 1.0
+        np.divide(rhs.array_r, size, out=r)
+        moved = 0.0 if self._soft is None else self._soft.motions @ self._soft.take_from_forces(r)
+        u.array[:] = self._precondition(r) + moved
+        u.scale(size)
 
     def multiply(self, u: PETSc.Vec, product: PETSc.Vec) -> None:
         self._u[:] = u.array_r

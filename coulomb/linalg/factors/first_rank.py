@@ -104,6 +104,20 @@ class FirstRankSolver:
         found, left = self._of_first(lambda: self._solvers[0].improved(f, near, tolerance))
         return found[self._start : self._end], left
 
+    def approximate(self, rhs: PETSc.Vec, u: PETSc.Vec) -> None:
+        """u <- K^-1 rhs, to the accuracy of the factors; see `StiffnessSolver`."""
+        self.begin(rhs.array_r)
+        u.array[:] = self.end(np.zeros(3 * len(self.last)))
+
+    def begin(self, rhs: FloatArray) -> FloatArray:
+        """See `MultifrontalSolver`, of this rank's part of shape (n,)."""
+        f = concatenated(self.comm, rhs)
+        return self._of_first(lambda: self._solvers[0].begin(f))
+
+    def end(self, z: FloatArray) -> FloatArray:
+        """See `MultifrontalSolver`, z the same on all ranks."""
+        return self._of_first(lambda: self._solvers[0].end(z))[self._start : self._end]
+
     def multiply(self, u: PETSc.Vec, product: PETSc.Vec) -> None:
         """product <- K u."""
         self._K.mult(u, product)

@@ -110,11 +110,19 @@ class FrontalFactors:
 
     def solve(self, rhs: FloatArray) -> FloatArray:
         """K^-1 rhs, shapes (n, 3), in this precision."""
+        return self.substituted(*self.eliminated(rhs))
+
+    def eliminated(self, rhs: FloatArray) -> tuple[Real, float]:
+        """L^-1 rhs (n, 3) in the order of elimination, shape (3 k,), over a number, and this number."""
         size = float(np.max(np.abs(rhs), initial=0.0)) or 1.0  # single precision has a small range
         x = (rhs[self.order] / size).astype(self.dtype).ravel()
         self.forward(x)
+        return x, size
+
+    def substituted(self, x: Real, size: float) -> FloatArray:
+        """L^-T x, shape (n, 3), times a number; x (3 k,) is overwritten."""
         self.backward(x)
-        solution = np.empty_like(rhs)
+        solution = np.empty((len(self.order), 3))
         solution[self.order] = x.reshape(-1, 3)
         solution *= size
         return solution

@@ -251,6 +251,35 @@ class MultifrontalSolver:
                 self._error = left if math.isinf(self._error) else max(self._error, left)
         return None
 
+    def approximate(self, rhs: PETSc.Vec, u: PETSc.Vec) -> None:
+        """u <- K^-1 rhs, to the accuracy of the factors; see `StiffnessSolver`."""
+        self.begin(rhs.array_r)
+        u.array[:] = self.end(np.zeros(3 * len(self.last)))
+
+    def begin(self, rhs: FloatArray) -> FloatArray:
+        """Displacements of the nodes `last`, shape (3 last,), under forces rhs (n,), to the accuracy of the factors."""
+        self._begun, self._unit = self._factors.eliminated(rhs.reshape(-1, 3))
+        trsv = strsv if self.single else dtrsv
+        parts = [trsv(L, self._begun[here], lower=1, trans=1) for L, here in self._last_fronts()]
+        return np.concatenate([np.empty(0), *parts]) * self._unit
+
+    def end(self, z: FloatArray) -> FloatArray:
+        """The displacement, shape (n,), under the forces of `begin` and z (3 last,) on the nodes `last`; these are
+        forgotten."""
+        trsv, x, start = strsv if self.single else dtrsv, self._begun, 0
+        for L, here in self._last_fronts():
+            x[here] += trsv(L, (z[start : start + len(L)] / self._unit).astype(x.dtype), lower=1)
+            start += len(L)
+        return self._factors.substituted(x, self._unit).ravel()
+
+    def _last_fronts(self) -> list[tuple[Real, slice]]:
+        """L of the nodes `last` of each body, and their places in the order of elimination."""
+        ends = 3 * np.cumsum([len(front.own) for front in self.fronts])
+        return [
+            (self._factors.heads[root], slice(ends[root] - len(self._factors.heads[root]), ends[root]))
+            for root in self._roots
+        ]
+
     def multiply(self, u: PETSc.Vec, product: PETSc.Vec) -> None:
         """product <- K u."""
         self._K.mult(u, product)
