@@ -265,7 +265,8 @@ def eliminated(bodies: ReducedBodies) -> Reduced:
     typical = comm.allreduce(float(mean.sum()), op=MPI.SUM) / bodies.numbering.total
     mean = np.where(mean > 0.0, mean, typical)  # forms may vanish where everything is held
     anchored = _anchors(bodies)
-    _refuse_soft(bodies, anchored, alone)
+    if bodies.added_springs is None:  # with them the same is asked of the bodies themselves
+        _refuse_soft(bodies, anchored, alone)
     reduction = bodies.reduction
     if not reduction.trivial:
         P = reduction.projection()

@@ -198,8 +198,7 @@ class FormBody(SingleBody):
         return self._grounded[0]
 
     def resisted(self, modes: FloatArray) -> FloatArray:
-        free = self._grounded[1]
-        return np.stack([free.projected(modes[:, :, j], self.x) for j in range(modes.shape[2])], axis=2)
+        return self._grounded[1].projected(modes, self.x)
 
     @property
     def _grounded(self) -> tuple[FloatArray | None, FreeMotions]:

@@ -229,13 +229,13 @@ class FreeMotions:
         return tuple(found)
 
     def projected(self, forces: FloatArray, x: FloatArray) -> FloatArray:
-        """Nodal forces (k, 3) less their resultants along the motions, spread over the nodes as the motions are;
-        collective."""
+        """Nodal forces (k, 3) or several of them (k, 3, j) less their resultants along the motions, spread over the
+        nodes as the motions are; collective."""
         if not self.motions:
             return forces
         R = self.modes(x)
         gram = self.comm.allreduce(np.einsum("kci,kcj->ij", R, R), op=MPI.SUM)
-        resultant = self.comm.allreduce(np.einsum("kci,kc->i", R, forces), op=MPI.SUM)
+        resultant = self.comm.allreduce(np.einsum("kci,kc...->i...", R, forces), op=MPI.SUM)
         return forces - R @ np.linalg.solve(gram, resultant)
 
     def opened(
