@@ -15,7 +15,7 @@ from scipy.stats import t
 
 import coulomb
 
-TIMES = [1.0, *np.linspace(1.0, 4.0, 13)[1:]]
+TIMES = [1.0, *np.linspace(1.0, 4.0, 10)[1:]]
 MOVED = [(1.0, 0.0), (2.0, 3e-4), (4.0, -3e-4)]
 
 

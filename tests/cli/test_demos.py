@@ -188,7 +188,7 @@ def test_demo_identify_friction():
     friction, modulus = (line(text, rf"{name} # \+- # \(95 %\), true #") for name in ("friction", "modulus"))
     for value, bar, true in (friction, modulus):
         assert abs(value - true) < bar < 0.05 * true
-    assert line(text, r"# load histories of 13 steps")[0] <= 15
+    assert line(text, r"# load histories of 10 steps")[0] <= 15
 
 
 def test_demo_even_pressure():
