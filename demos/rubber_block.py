@@ -34,7 +34,7 @@ def update(time):
 body = NonlinearBody(energy, [bc], {"sole": bottom}, displacement=u, update=update)
 waves = coulomb.SignedDistance(lambda x: x[2] + 0.05 - 0.05 * np.cos(2.0 * np.pi * x[0]))
 problem = LargeMotions(body, coulomb.Contact("sole", friction=0.3, foundation=waves))
-history = coulomb.LoadHistory([0.5, 1.0, *np.linspace(1.05, 1.5, 10)])
+history = coulomb.LoadHistory([0.5, 1.0, *np.linspace(1.05, 1.4, 8)])
 
 film = io.XDMFFile(domain.comm, "rubber_block.xdmf", "w")  # for ParaView: Warp By Vector
 film.write_mesh(domain)
