@@ -17,9 +17,9 @@ from ..arrays import FloatArray, in_words
 from ..fem.contact import NOISE, FaceSamples, Overlap, distance_along
 from ..fem.geometry import on_all_ranks
 from ..linalg.reductions import Reductions
-from ..nearest import among, tree_of
 from ..units import amount
-from .certificate_scales import FaceScales, of_half, place_of_largest
+from .certificate_scales import FaceScales, place_of_largest
+from .facets import ROUNDING_OF_PLACES, chords_of, deepest, largest, missed
 
 if TYPE_CHECKING:
     from ..fem.geometry import RigidFoundation
@@ -27,13 +27,6 @@ if TYPE_CHECKING:
 
 _PRESSING: Final = 1e-6  # a node presses if its force is above this fraction of the largest on its bodies
 _MOST: Final = 0.01  # forces above this fraction of the largest do not act where faces are apart
-_CHORDS: Final = 4.0
-"""Chords of facets by which a face may be in its foundation: at its ends the estimate is a third of it."""
-
-_AROUND: Final = 8
-"""Contact points whose given gaps tell that of a corner beside them, as where they are means around vertices."""
-
-_ROUNDING: Final = 1e-12  # distances below this fraction of the coordinates are rounding
 
 
 @dataclass(frozen=True)
@@ -71,9 +64,6 @@ curve.  Measured with a roller between plates (docs/theory.md)."""
 
 ROUNDING = Bound(0.1, math.inf)
 """A warning only: resultants and means are right."""
-
-_NEAR: Final = 0.25
-"""Radii of a facet within which a contact point is at its corner: of 10-node tetrahedra it is beside it."""
 
 BETWEEN = Bound(0.25, 1.0)
 """Measured with a cantilever on rollers: the force is 2 to 6 % wrong below 0.7, 12 % at 2, and a roller that is narrow
@@ -122,8 +112,9 @@ class SmallStrain:
             opposite around a contact point that presses: an average beyond its end.
         chord: How far gaps are from linear between contact points of which one presses, the chord h^2/(8 R) of facets,
             over the mean approach of the bodies of their contact: work of the forces that deform these, over the sum of
-            the normal forces on them; of facets that the master covers in part if half of the force acts there.  Where
-            both sides have the same curvature there is no such chord.
+            the normal forces on them; of facets that the master covers in part if half of the force acts there; of a
+            face that presses nowhere, the chord beyond the gap that is left.  Where both sides have the same curvature
+            there is no such chord.
         rounding: The same where it is below 1e-8 of the extent of the face: by rounding errors of the coordinates.
         overlap: Largest depth of a node of the surface inside a body, or inside a foundation beside its contact face,
             where no contact judges it, over the motion of the two relative to each other (`fem.contact.overlaps`).
@@ -210,7 +201,11 @@ class SmallStrain:
                 f"the facets in contact are coarse: between contact points gaps are up to {self.chord:.0%} of the mean "
                 "approach from linear, the chord h^2/(8 R), and the approach is uncertain by as much (facets there at "
                 f"least {_finer(self.chord, CHORD)} times smaller, or cells of second order; of "
-                "a pair also the curved face as the slave, or the surface that it stands for: [contact.surface])",
+                "a pair also the curved face as the slave, or the surface that it stands for: [contact.surface])"
+                if self.chord < 0.99 * _MISSED
+                else "the facets are coarse where faces touch or may touch: between contact points the chord h^2/(8 R) "
+                "is many times the approach, or beyond the gap of a face that presses nowhere (smaller facets there, "
+                "or cells of second order)",
             ),
             (
                 self.rounding,
@@ -305,7 +300,7 @@ def small_strain(
     pressing = at_nodes.force[:, 0] > _PRESSING * scales.force[at_nodes.part]
     way, part = at_nodes.displacement_vectors[pressing], at_nodes.part[pressing]
     before, moved = at_nodes.x[pressing], at_nodes.x[pressing] + way
-    rounding = _ROUNDING * max(over.max(np.abs(at_nodes.x)), over.max(np.abs(moved)), 0.0)
+    rounding = ROUNDING_OF_PLACES * max(over.max(np.abs(at_nodes.x)), over.max(np.abs(moved)), 0.0)
 
     def measure() -> tuple[FloatArray, FloatArray]:
         distance, turn = np.zeros(len(before)), np.zeros(len(before))
@@ -323,7 +318,7 @@ def small_strain(
     except ValueError:  # no distance or normal there: far outside
         distance, turn = np.full((2, len(before)), math.nan)
     apart: FloatArray = np.zeros(len(pressing))
-    depths = _deepest(at_nodes, foundations, between, large)
+    depths = deepest(at_nodes, foundations, between, large)
     off, (depth, away) = of_pairs
     depth = np.where(at_nodes.force[:, 0] > _MOST * scales.force[at_nodes.part], np.maximum(depth, away), depth)
     for number in range(len(foundations)):
@@ -338,8 +333,10 @@ def small_strain(
     off_by = _relative(apart, scales.deformation[at_nodes.part])
     gap_error = largest(off_by, over)
     where = place_of_largest(off_by, at_nodes.x, at_nodes.part, at_nodes.faces, over)
-    chord, rounded = (_relative(one, scales.approach) for one in _chords(at_nodes, pressing, foundations, between))
-    deepest = _relative(depths, scales.deformation)
+    chords, rounded = chords_of(at_nodes, pressing, foundations, between)
+    chords = np.maximum(chords, missed(at_nodes, pressing, foundations, between))
+    chord, rounded = (_relative(one, scales.approach) for one in (chords, rounded))
+    deep = _relative(depths, scales.deformation)
     pairs = np.isin(part, [number for number, foundation in enumerate(foundations) if foundation is None])
     # Normals are those at the undeformed node, of the foundation at its current place; and a node keeps what it is
     # opposite to on a deformable face.
@@ -349,7 +346,7 @@ def small_strain(
         turn=largest(turn, over),
         slip_over_cell=largest(np.where((turn > 0.0) | pairs, along / cells[pressing], 0.0), over),
         gradient=gradient,
-        between=float(np.max(deepest, initial=0.0)),
+        between=float(np.max(deep, initial=0.0)),
         chord=float(np.max(chord, initial=0.0)),
         rounding=float(np.max(rounded, initial=0.0)),
         overlap=0.0 if inside is None else inside.depth / inside.approach,
@@ -363,115 +360,6 @@ def _relative(depth: FloatArray, scale: FloatArray) -> FloatArray:
     least = np.maximum(scale, depth / _MISSED)
     found: FloatArray = np.minimum(depth / np.where(least == 0.0, 1.0, least), _MISSED)
     return found
-
-
-def _deepest(
-    answer: NodalAnswer, foundations: Sequence[RigidFoundation | None], between: Sequence[FaceSamples], large: bool
-) -> FloatArray:
-    """Largest depth in metres of places on each face inside its foundation, beyond what the chord of the facets
-    explains, shape (faces,); of faces whose contact points are nodes on facets between these; collective."""
-    points, given = (np.concatenate(answer.comm.allgather(of)) for of in (answer.x, answer.given_gap))
-    gap, part = (np.concatenate(answer.comm.allgather(of)) for of in (answer.gap, answer.part))
-
-    def depths() -> FloatArray:
-        found = np.zeros(len(foundations))
-        for k, (face, of) in enumerate(zip(between, foundations, strict=False)):
-            if of is not None and len(face.x) and len(points):
-                at, none = points[part == k], np.all(gap[part == k] == given[part == k])
-                noise = 2.0 * float(np.max(np.abs(of.signed_distance(at)), initial=0.0)) if none else 0.0
-                extent = float(np.max(np.ptp(at, axis=0))) if len(at) else 0.0
-                noise = noise if noise <= 2.0 * NOISE * extent else 0.0
-                found[k] = np.max(_depths(face, of, points, given, noise, large), initial=0.0)
-        return found
-
-    try:
-        deepest = on_all_ranks(depths, "contact: foundation", answer.comm)
-    except ValueError:
-        return np.full(len(foundations), math.nan)
-    return Reductions(answer.comm).largest(deepest)
-
-
-def _chords(
-    answer: NodalAnswer,
-    pressing: npt.NDArray[np.bool_],
-    foundations: Sequence[RigidFoundation | None],
-    faces: Sequence[FaceSamples],
-) -> tuple[FloatArray, FloatArray]:
-    """Largest chord in metres of each face at contact points that press, 0 where it is a rounding error of coordinates,
-    and the largest of these, shapes (faces,); collective.
-
-    Of foundations it is that of `FaceSamples.bend`, at most what distances differ by between the nodes of a facet: a
-    face whose nodes are as far from the foundation as those beside them has its curvature, and its chord is none.
-    """
-    comm, points, over = answer.comm, answer.x[pressing], Reductions(answer.comm)
-    parts = [(answer.x[answer.part == k], points[answer.part[pressing] == k]) for k in range(len(foundations))]
-    every, own = ([np.concatenate(comm.allgather(of)) for of in side] for side in zip(*parts, strict=True))
-
-    def bends() -> list[tuple[FloatArray, FloatArray]]:
-        found: list[tuple[FloatArray, FloatArray]] = [(np.zeros(0), np.zeros(0))] * len(foundations)
-        for k, (face, of) in enumerate(zip(faces, foundations, strict=False)):
-            if of is not None and len(own[k]):
-                here = _with_corner(face, own[k])
-                found[k] = face.bend(of.signed_distance)[here], face.spread(of.signed_distance)[here]
-        return found
-
-    try:
-        found = on_all_ranks(bends, "contact: foundation", comm)
-    except ValueError:
-        return np.full(len(foundations), math.nan), np.zeros(len(foundations))
-    chords = np.zeros((2, len(foundations)))
-    for k, (bend, spread) in enumerate(found):
-        here = pressing & (answer.part == k)
-        of_pair = largest(answer.chord[here, 0], over), of_half(answer.chord[here, 1], answer.force[here, 0], over)
-        chord = np.max([*of_pair, np.minimum(largest(bend, over), largest(spread, over))])  # nan if one is
-        if len(every[k]) and chord <= NOISE * np.max(np.ptp(every[k], axis=0)):
-            here = answer.part == k
-            known = over.max(np.abs(answer.gap - answer.given_gap)[here]) > 0.0  # else `without_noise`
-            chords[1, k] = chord if known else 0.0
-        else:
-            chords[0, k] = chord
-    return chords[0], chords[1]
-
-
-def _with_corner(face: FaceSamples, points: FloatArray) -> npt.NDArray[np.bool_]:
-    """Facets with a corner at one of the contact points (k, 3), shape (f,)."""
-    corners = face.corners
-    if face.nodal:
-        touching = among(corners, points)
-    else:
-        radius = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1, initial=0.0)
-        touching = tree_of(points).query(corners)[0] <= _NEAR * radius[:, None]
-    found: npt.NDArray[np.bool_] = np.any(touching, axis=1)
-    return found
-
-
-def _depths(
-    face: FaceSamples,
-    foundation: RigidFoundation,
-    points: FloatArray,
-    given: FloatArray,
-    noise: float = 0.0,
-    large: bool = False,
-) -> FloatArray:
-    """Depths of facets, as `_deepest`, for the contact points (m, 3) of all ranks with their given gaps (m,); depths up
-    to `noise` in metres are rounding errors of coordinates (`without_noise`)."""
-    size = float(np.max(np.abs(points)))  # of all ranks
-    near = np.ones(len(face.x), dtype=bool)
-    if face.nodal:
-        near = np.all(among(face.corners, points), axis=1)
-
-    if not np.any(near):
-        return np.zeros(0)
-    at_corners = np.zeros(face.corners.shape[:2])
-    if np.any(given):
-        number = tree_of(points).query(face.corners, min(_AROUND, len(points)))[1].reshape(*at_corners.shape, -1)
-        nearest, others = points[number[..., :1]], points[number] - points[number[..., :1]]
-        slope = np.linalg.pinv(others, rcond=1e-3) @ (given[number] - given[number[..., :1]])[..., None]
-        at_corners = given[number[..., 0]] + ((face.corners[:, :, None] - nearest) @ slope)[:, :, 0, 0]
-    least = face.least(near, foundation.signed_distance, at_corners)
-    chords = face.chord[near] if large else face.chord_on(foundation.signed_distance)[near]
-    depths: FloatArray = np.where(np.abs(least) <= max(_ROUNDING * size, noise), 0.0, -least) - _CHORDS * chords
-    return depths
 
 
 def _beyond(
@@ -489,8 +377,3 @@ def _beyond(
     x, n, gap = (values[pressing][at] for values in (answer.x, answer.frames[:, 0], answer.gap))
     beyond: FloatArray = gap - distance_along(n, x, foundation.signed_distance(x), foundation)
     return beyond
-
-
-def largest(values: FloatArray, over: Reductions) -> float:
-    """The largest of values >= 0 on all ranks, 0 if there is none, nan if one is nan."""
-    return over.max(np.append(values, 0.0))

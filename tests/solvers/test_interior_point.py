@@ -148,8 +148,11 @@ def test_steps_and_answers_on_the_block(friction):
 
 
 def test_krylov_iterations_stay_bounded_to_the_end():
-    """The nodal blocks grow without bound as theta goes to 0; the iterations do not."""
-    history = InteriorPoint(1e-10).solve(solved_block(10).problem.friction_problem).history
+    """The nodal blocks grow without bound as theta goes to 0; the iterations do not.
+
+    Where both a multiplier and its bound are nearly 0 the residual goes with the root of theta, to 2e-10 to 5e-10 with
+    theta at rounding errors."""
+    history = InteriorPoint(1e-9).solve(solved_block(10).problem.friction_problem).history
     assert sum(step.residual > 1e-8 for step in history) < 30
     assert history[-1].theta < 1e-9 * history[0].theta
     assert max(step.krylov for step in history[-8:]) <= 8
