@@ -169,6 +169,14 @@ def estimates(sizes: Sizes = None, directory: Output = None) -> None:
 
 
 @app.command()
+def sensitivities(sizes: Sizes = None, directory: Output = None) -> None:
+    """Exact derivatives of the block: `forward` of all inputs and `adjoint`, beside the `solve`, processor seconds."""
+    from .sensitivities import SIZES, measure
+
+    table("sensitivities", (row._asdict() for row in measure(sizes or SIZES)), directory)
+
+
+@app.command()
 def elements(
     sizes: Annotated[
         list[int] | None, typer.Option("--cells", min=1, help="Second-order cells on 1.2 contact radii; repeat.")

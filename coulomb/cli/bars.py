@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache, cached_property, partial
 from typing import Any, Final
@@ -103,11 +105,24 @@ class Sensitivities:
 
         @cache
         def posed(name: str, factor: float) -> ContactProblem:
-            return scaled(self._settings, name, factor).problem(comm)
+            with _quietly():
+                return scaled(self._settings, name, factor).problem(comm)
 
         if not self._posed:
             self._posed = {name: partial(posed, name) for name in lengths(self._settings)}
         return self._posed
+
+
+@contextmanager
+def _quietly() -> Iterator[None]:
+    """Without the library's warnings and messages, which the case as it is has had."""
+    library = logging.getLogger("coulomb")
+    level = library.level
+    library.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        library.setLevel(level)
 
 
 _FARTHEST: Final = 0.01
@@ -163,11 +178,13 @@ class TaylorTest:
 
     def _answer(self, case: Case) -> FloatArray:
         """The contact forces of a case at the time of the answer."""
-        problem, tolerance = case.problem(self._like.problem.comm), min(case.solver.tolerance, _ACCURACY)
-        if case.history is None:
-            return problem.solve(tolerance, case.contact_solver()).contact_force
-        *_, last = replace(case.load_history(), tolerance=tolerance).steps(problem)
-        return last.solution.contact_force
+        tolerance = min(case.solver.tolerance, _ACCURACY)
+        with _quietly():
+            problem = case.problem(self._like.problem.comm)
+            if case.history is None:
+                return problem.solve(tolerance, case.contact_solver()).contact_force
+            *_, last = replace(case.load_history(), tolerance=tolerance).steps(problem)
+            return last.solution.contact_force
 
 
 def error_bars(session: Session, settings: Case, solution: Solution) -> dict[str, Any]:

@@ -35,10 +35,17 @@ from ..linalg.reductions import Reductions
 from ..model.input_echo import contacts_of, loads_of, ties_of
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
-from ..pictures.report.words import bars_in_words, compared_in_words, friction_in_words, in_few, share_of_tolerance
+from ..pictures.report.words import (
+    bars_in_words,
+    compared_in_words,
+    friction_in_words,
+    in_few,
+    other_totals,
+    share_of_tolerance,
+)
 from ..process import animated
 from ..solvers.results import Progress, Status
-from ..units import plain, quantity, vector
+from ..units import number, plain, quantity, vector
 from .console import bad_input, errors
 
 
@@ -280,40 +287,33 @@ def show_sensitivity(console: Console, contents: dict[str, Any]) -> None:
     for name in contents.get("unknown_inputs", ()):
         known = ", ".join(repr(one["input"]) for one in entries)
         errors.out(f"warning: output.sensitivity: there is no input {name!r}; there are {known}")
+    width = max(map(len, ("with the tolerances given", *(one["input"] for one in entries))))
     for face in entries[0]["totals"] if entries else ():
         totals = [(one, one["totals"][face]) for one in entries]
         totals.sort(key=lambda row: -np.hypot(row[1]["normal_force"], row[1]["friction_force"]))
         least = {"N": _NOTHING * max(np.hypot(row["normal_force"], row["friction_force"]) for _, row in totals)}
         console.out(f"1 % more of an input does to the forces of {face!r} (to first order, and up to where):")
         for one, total in totals[:_LINES]:
-            step = "any change" if one["step"] is None else f"up to {100.0 * one['step']:.2g} %"
+            step = "any change" if one["step"] is None else f"up to {plain(number(100.0 * one['step'], 2))} %"
             if "falling" in one:
                 step += f", {one['border']} contact points on the border of two states"
-            console.out(f"  {one['input']:<30} {_both(total, 0.01, least)} {step}")
+            console.out(f"  {one['input']:<{width}} {_both(total, 0.01, least)} {step}")
             if "falling" in one:
-                console.out(f"  {'  1 % less':<30} {_both(one['falling']['totals'][face], -0.01, least)}".rstrip())
+                console.out(f"  {'  1 % less':<{width}} {_both(one['falling']['totals'][face], -0.01, least)}".rstrip())
         if len(totals) > _LINES:
             console.out(f"  and {len(totals) - _LINES} more, in summary.json")
         if bars := contents.get("input_bars"):
             both = (plain(quantity(bars[face][name], "N", 2)) for name in ("normal_force", "friction_force"))
             normal, friction = (f"+- {value}" for value in both)
-            console.out(f"  {'with the tolerances given':<30} normal {normal:<12} friction {friction}")
-    for kind, called, of, unit in _OTHERS:
-        for name in entries[0].get(kind, ()) if entries else ():
-            rows = [(0.01 * np.atleast_1d(one[kind][name][of]), one["input"]) for one in entries]
-            rows.sort(key=lambda row: -float(np.linalg.norm(row[0])))
-            accuracy = {unit: _NOTHING * float(np.linalg.norm(rows[0][0]))}
-            console.out(f"and to the {of} of {called} {name!r}:")
-            for change, given in rows[:_LINES]:
-                of_one = vector(change, unit, accuracy=accuracy) if len(change) > 1 else quantity(change[0], unit)
-                console.out(f"  {given:<30} {plain(of_one)}")
+            console.out(f"  {'with the tolerances given':<{width}} normal {normal:<12} friction {friction}")
+    for words, unit, changes in other_totals(contents):
+        console.out(f"and to the {words}:")
+        for given, change in list(changes.items())[:_LINES]:
+            of_one = vector(change, unit) if len(change) > 1 else quantity(change[0], unit)
+            console.out(f"  {given:<{width}} {plain(of_one)}")
     for one in entries:
         if "verified" in one:
-            console.out(f"  {one['input']:<30} {one['verified']['words']}")
-
-
-_OTHERS: Final = (("bolts", "bolt", "force", "N"), ("probes", "probe", "displacement", "m"))
-"""What the terminal shows beside the forces of contacts."""
+            console.out(f"  {one['input']:<{width}} {one['verified']['words']}")
 
 
 def _both(total: dict[str, float], part: float, least: dict[str, float]) -> str:

@@ -57,6 +57,11 @@ def benchmark(tmp_path):
     return run
 
 
+def test_sensitivities(benchmark):
+    _, (row,) = benchmark("sensitivities", "--p", 2)
+    assert (row["unknowns"], row["inputs"]) == ("162", "4") and float(row["forward"]) > 0.0
+
+
 def test_table1(benchmark):
     _, rows = benchmark("table1", "--p", 4)
     names = ["PF(0.3,0.99)", "PF(0.1,0.9)", "PF(0.01,0.99)", "PF(0.1,0.9) estimated diag(A)"]

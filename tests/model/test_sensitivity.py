@@ -203,10 +203,12 @@ def test_on_the_command_line_and_where_it_is_refused(tmp_path):
         "[mesh]\nbox = [1.0, 1.0, 0.5]\ncells = [2, 2, 1]\n[material]\nyoung = 1e9\npoisson = 0.3\nexpansion = 1e-5\n"
         "[temperature]\nvalue = 30.0\nreference = 20.0\n"
         '[[total_force]]\nface = "top"\nforce = [1e5, 0.0, -1e6]\n[contact]\nface = "bottom"\nfriction = 0.3\n'
-        "[output]\npicture = false\n"
+        '[[probe]]\nname = "corner"\npoint = [1.0, 1.0, 0.5]\n[output]\npicture = false\n'
     )
     done = run_coulomb("run", case, "--sensitivity", "--verify", cwd=tmp_path)
     assert "1 % more of an input does to the forces of 'bottom'" in done.stdout
+    assert "and to the strain energy:" in done.stdout and "and to the displacement of probe 'corner':" in done.stdout
+    assert "and to the contact area of 'bottom':\n  length" in done.stdout
     entries = json.loads((tmp_path / "results" / "summary.json").read_text())["sensitivity"]
     assert [entry["verified"]["passed"] for entry in entries] == [True] * len(entries), entries
     by = {entry["input"]: entry["totals"]["bottom"] for entry in entries}

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import coulomb
+from coulomb.pictures.report import words
 
 
 def sprung(stiffness=1.0, pushed=1.0, young=1.0):
@@ -160,3 +161,26 @@ def test_reactions_probes_bolts_rigid_faces_and_energies_are_those_of_central_di
             difference = (more[kind, called, of] - less[kind, called, of]) / (2.0 * h)
             least = 1e-6 if of == "moment" else 1e-9  # moments about points where they are 0
             assert found == pytest.approx(difference, abs=1e-5 * size + least), (name, kind, called, of)
+
+
+def test_the_totals_beside_forces_are_listed_by_what_changes_them():
+    """Largest first; without mean pressures where areas stay, and without what nothing changes or has no entry."""
+
+    def entry(name, area, energy, flow, **others):
+        totals = {"normal_force": 1.0, "contact_area": area, "mean_pressure": 50.0, "dissipated_energy": 0.0}
+        bodies, flows = {"": {"strain_energy": energy}}, {"heat_film_front": {"power": flow}}
+        return {"input": name, "totals": {"base": totals}, "bodies": bodies, "heat_flows": flows, **others}
+
+    probes = {"tip": {"displacement": [3.0, 0.0, 4.0], "pressure": None}}
+    small = [entry("young", 0.0, -2.0, 0.0, probes=probes), entry("friction", 0.0, 3.0, 7.0)]
+    assert list(words.other_totals({"sensitivity": small})) == [
+        ("strain energy", "J", {"friction": [0.03], "young": [-0.02]}),
+        ("heat flow of 'film front'", "W", {"friction": [0.07]}),
+        ("displacement of probe 'tip'", "m", {"young": [0.03, 0.0, 0.04]}),
+    ]
+    large = [entry("young", 2.0, 0.0, 0.0), entry("friction", 0.0, 0.0, 0.0)]
+    assert [total for total, *_ in words.other_totals({"sensitivity": large})] == [
+        "contact area of 'base'",
+        "mean pressure of 'base'",
+    ]
+    assert not list(words.other_totals({}))

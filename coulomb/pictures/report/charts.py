@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import io
+import math
 import re
 from collections.abc import Sequence
+from itertools import islice
 from typing import Any, Final
 
 import matplotlib
@@ -19,6 +21,7 @@ from .fields import ZONES, zone_counts
 from .files import Rows, Run
 from .grids import nodes_of
 from .problem import values_in_time
+from .words import other_totals
 
 _INK = "#010203"  # becomes the page's own colour
 _FIRST, _SECOND, _THIRD, _FOURTH = "#0b84d8", "#e06c00", "#009e73", "#b05ea5"
@@ -296,26 +299,39 @@ def meshes(run: Run) -> str:
 
 
 def sensitivities(run: Run) -> str:
-    """What 1 % more of each input does to the forces of the first two contacts, largest on top; empty without them."""
+    """What 1 % more of each input does to the forces of the first two contacts, and to the first totals beside these,
+    largest on top; empty without them."""
     entries = run.summary.get("sensitivity") or ()
-    faces = list(entries[0]["totals"])[:2] if entries else []
-    if not faces:
+    panels: list[tuple[str, str, dict[str, list[float]], tuple[str, ...]]] = []
+    names = ("normal force", "friction force")
+    for face in list(entries[0]["totals"])[:2] if entries else ():
+        changes = {
+            one["input"]: [0.01 * one["totals"][face][name.replace(" ", "_")] for name in names] for one in entries
+        }
+        panels.append((face, "N", changes, names))
+    for words, unit, found in islice(other_totals(run.summary), _PANELS):
+        lengths = {given: [change[0] if len(change) == 1 else math.hypot(*change)] for given, change in found.items()}
+        panels.append((words, unit, lengths, ("",)))
+    if not panels:
         return ""
-    figure, axes = _figure(len(faces))
-    totals = ("normal_force", "friction_force")
-    for axis, face in zip(axes, faces, strict=True):
-        changes = {one["input"]: [0.01 * one["totals"][face][total] for total in totals] for one in entries}
-        shown = sorted(changes, key=lambda name: np.hypot(*changes[name]))[-_INPUTS:]
-        factor, unit = scale_of(max(np.abs(changes[name]).max() for name in shown), "N")
-        for total, shift, colour in zip(totals, (0.2, -0.2), (_FIRST, _SECOND), strict=True):
-            values = [changes[name][totals.index(total)] / factor for name in shown]
-            places = np.arange(len(shown)) + shift
-            axis.barh(places, values, 0.36, color=colour, label=total.replace("_", " "))
+    figure, axes = _figure(len(panels))
+    for axis, (words, unit, changes, labels) in zip(axes, panels, strict=True):
+        shown = sorted(changes, key=lambda name: np.hypot.reduce(changes[name]))[-_INPUTS:]
+        factor, prefixed = scale_of(max(np.abs(changes[name]).max() for name in shown), unit)
+        height = 0.72 / len(labels)
+        for k, (label, colour) in enumerate(zip(labels, (_FIRST, _SECOND), strict=False)):
+            places = np.arange(len(shown)) + height * (0.5 * (len(labels) - 1) - k)
+            axis.barh(places, [changes[name][k] / factor for name in shown], height, color=colour, label=label)
         axis.set_yticks(range(len(shown)), shown)
-        axis.set(xlabel=f"{face}, {unit}")
-        axis.legend(loc="lower right", frameon=False, fontsize=8)  # where bars are short
+        of, quoted, name = words.partition(" '")
+        axis.set(xlabel=f"{of}\n'{name}, {prefixed}" if quoted else f"{words}, {prefixed}")
+        if len(labels) > 1:
+            axis.legend(loc="lower right", frameon=False, fontsize=8)  # where bars are short
     return _svg(figure, "What 1 % more of each input does")
 
+
+_PANELS: Final = 4
+"""Totals beside forces in it."""
 
 _INPUTS: Final = 8
 """Inputs in a chart."""
@@ -438,7 +454,8 @@ def _arrange(figure: Any) -> None:
     count = first.get_gridspec().ncols
     legends = [[text.get_text() for text in legend.get_texts()] for a in figure.axes if (legend := a.get_legend())]
     lines = max((-(-len(labels) // _columns(labels)) for labels in legends), default=0)
-    top, bottom = 1.0 - (8.0 + _LINE * lines) / height, (2.0 * _LINE + _PADS) / height
+    below = 2 + max(axis.get_xlabel().count("\n") for axis in figure.axes)
+    top, bottom = 1.0 - (8.0 + _LINE * lines) / height, (below * _LINE + _PADS) / height
     for column, panel in enumerate(figure.axes[:count]):
         same = [axis for axis in figure.axes if axis.get_subplotspec() == panel.get_subplotspec()]
         beside = [_PADS, _PADS]

@@ -56,6 +56,47 @@ def bars_in_words(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
         yield _total_in_words(bar["quantity"]), shown, "–" if order is None else number(order, 2)
 
 
+def other_totals(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, dict[str, list[float]]]]:
+    """What 1 % more of inputs does to totals beside contact forces: words of the total, its unit, and the changes, of
+    one number or several, by the names of the inputs, largest first.
+
+    Totals that nothing changes are left out, and mean pressures where areas stay: they are in proportion to the normal
+    forces.
+    """
+    entries = summary.get("sensitivity") or ()
+    for kind, words, name, unit in _OTHERS:
+        for of in entries[0].get(kind, ()) if entries else ():
+            found = {
+                one["input"]: [0.01 * change for change in (given if isinstance(given, list) else [given])]
+                for one in entries
+                if (given := one.get(kind, {}).get(of, {}).get(name)) is not None
+            }
+            sizes = {given: math.hypot(*change) for given, change in found.items()}
+            largest = [given for given in sorted(sizes, key=lambda given: -sizes[given]) if sizes[given] > 0.0]
+            fixed = name == "mean_pressure" and not any(one[kind][of]["contact_area"] for one in entries)
+            if not fixed and largest:
+                where = of.removeprefix("heat_").replace("_", " ") if kind == "heat_flows" else of
+                total = f"{words} {where!r}" if of else words.removesuffix(" of")
+                shown = [given for given in largest if sizes[given] > _ROUNDING * sizes[largest[0]]]
+                yield total, unit, {given: found[given] for given in shown}
+
+
+_ROUNDING: Final = 1e-10
+"""Change of a total over the largest that is a rounding error."""
+
+_OTHERS: Final = (
+    ("totals", "contact area of", "contact_area", "m²"),
+    ("totals", "mean pressure of", "mean_pressure", "Pa"),
+    ("totals", "friction work of the step on", "dissipated_energy", "J"),
+    ("bodies", "strain energy of", "strain_energy", "J"),
+    ("heat_flows", "heat flow of", "power", "W"),
+    ("bolts", "force of bolt", "force", "N"),
+    ("probes", "displacement of probe", "displacement", "m"),
+    ("probes", "pressure at probe", "pressure", "Pa"),
+)
+"""Keys of such totals among the sensitivities of a summary, words, the name of the number, and its unit."""
+
+
 def share_of_tolerance(summary: Mapping[str, Any]) -> tuple[float, str] | None:
     """The largest part of an error bar that the tolerance of the solver leaves, over the bar, and the total that has
     it; None without any.
