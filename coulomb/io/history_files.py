@@ -152,11 +152,13 @@ class HistoryFiles:
         record = contents["step"]
         bodies, faces = points_in_files(step, problem)
         force = at_points(step.contact, "contact_force", faces, comm)
-        began, earlier = self._start, np.zeros_like(force)
+        u = at_points(step.solution, "displacement", bodies, comm)
+        began, earlier, moved = self._start, np.zeros_like(force), np.zeros_like(u)
         if number > 1:
             one_before = self.directory.step(number - 1)
-            began = read_summary(one_before.path, comm)["step"]["time"]
-            earlier = at_points(one_before.contact, "contact_force", points_in_files(one_before, problem)[1], comm)
+            began, points = read_summary(one_before.path, comm)["step"]["time"], points_in_files(one_before, problem)
+            moved = at_points(one_before.solution, "displacement", points[0], comm)
+            earlier = at_points(one_before.contact, "contact_force", points[1], comm)
         slip = at_points(step.contact, "slip", faces, comm)
         worn = [at_points(step.contact, name, faces, comm)[:, 0] for name in ACCUMULATED]
         heated = None if problem.body.heat is None else at_points(step.solution, TEMPERATURE, bodies, comm)[:, 0]
@@ -164,12 +166,12 @@ class HistoryFiles:
             number=number,
             time=record["time"],
             energy=Energy(**record["energy"]),
-            displacement=at_points(step.solution, "displacement", bodies, comm),
+            displacement=u,
             force_on_body=force,
             slip_rate=np.linalg.norm(slip, axis=1) / (record["time"] - began),
             accumulated=Accumulated(*worn),
             pending=tuple(record["pending"]),
-            before=Earlier(began, earlier),
+            before=Earlier(began, earlier, moved),
             temperature_change=heated,
             poses=problem.body.recorded_poses(contents),
             turns=problem.body.recorded_turns(contents),
@@ -292,8 +294,9 @@ def _is_whole(step: RunDirectory) -> bool:
         return False
 
 
-Points = Sequence[tuple[str, IntArray]]
-"""Names of grids, "" for the only one of a file, and numbers of this rank's points on each, in solution.xdmf."""
+Points = Sequence[tuple[str, IntArray, bool]]
+"""Names of grids, "" for the only one of a file, numbers of this rank's points on each, in solution.xdmf, and whether
+all are there: of a face in contact with itself those of the present slave."""
 
 
 def points_in_files(step: RunDirectory, problem: ContactProblem) -> tuple[Points, Points]:
@@ -319,22 +322,23 @@ def points_in_files(step: RunDirectory, problem: ContactProblem) -> tuple[Points
             ends = np.array([x.min(axis=0), -x.max(axis=0)]) if len(x) else np.full((2, 3), np.inf)
             near = 1e-9 * float(np.max(-np.min(comm.allgather(ends), axis=0).sum(axis=0)))
             one = partial(numbers, groups[member.name], member.body, near)
-            found.append((member.name, on_all_ranks(one, str(data_of(step.solution)), comm)))
-    nodes, part = problem.points_of_states
-    on_faces = np.concatenate([number for _, number in found])[nodes]
-    sides = [(name, on_faces[part == number]) for number, (name, _) in enumerate(names_of_sides(problem))]
-    return found, sides if collections(problem)[1] else [("", on_faces)]
+            found.append((member.name, on_all_ranks(one, str(data_of(step.solution)), comm), True))
+    (nodes, part), itself = problem.points_of_states, () if problem.large is None else problem.large.itself
+    on_faces = np.concatenate([number for _, number, _ in found])[nodes]
+    sides = [(name, on_faces[part == k], k not in itself) for k, (name, _) in enumerate(names_of_sides(problem))]
+    return found, sides if collections(problem)[1] else [("", on_faces, True)]
 
 
 def at_points(file: Path, name: str, points: Points, comm: MPI.Comm) -> FloatArray:
-    """A vector field of an XDMF file at this rank's points of its grids, shape (k, 3); collective.
+    """A vector field of an XDMF file at this rank's points of its grids, shape (k, 3), 0 where not all are there;
+    collective.
 
     Raises:
         ValueError: On every rank, if a file cannot be read, or lacks a grid or a point.
     """
 
-    def read(group: str, wanted: IntArray) -> FloatArray:
-        values, order = np.full((len(wanted), 3), np.nan), np.argsort(wanted)
+    def read(group: str, wanted: IntArray, whole: bool) -> FloatArray:
+        values, order = np.full((len(wanted), 3), np.nan if whole else 0.0), np.argsort(wanted)
         for number, vectors in parts_of_field(data_of(file), name, group):
             if len(wanted):
                 place = order[np.minimum(np.searchsorted(wanted, number, sorter=order), len(wanted) - 1)]
@@ -344,8 +348,8 @@ def at_points(file: Path, name: str, points: Points, comm: MPI.Comm) -> FloatArr
         return values
 
     with _offering_whole_steps(file.parent):
-        groups = _groups(file, [grid for grid, _ in points], comm)
-        found = [on_all_ranks(partial(read, groups[grid], of), str(data_of(file)), comm) for grid, of in points]
+        groups, name_of = _groups(file, [grid for grid, *_ in points], comm), str(data_of(file))
+        found = [on_all_ranks(partial(read, groups[grid], of, whole), name_of, comm) for grid, of, whole in points]
         return np.concatenate(found)
 
 

@@ -153,11 +153,11 @@ def on_named_surfaces(
 
 
 def on_two_sides(
-    mesh: NamedMesh | JoinedMesh | Deformable, contacts: Sequence[Contact]
+    mesh: NamedMesh | JoinedMesh | Deformable, contacts: Sequence[Contact], large: bool
 ) -> tuple[NamedMesh | JoinedMesh | Deformable, tuple[Contact, ...]]:
     """The contacts, those of a face with itself as of its `two_sides`, and the mesh with these as faces, which a body
-    of the user's forms is given; ValueError on every rank if there is no such face, or no part of it is opposite to
-    another one; collective."""
+    of the user's forms is given; ValueError on every rank if there is no such face, or in small motions no part of it
+    is opposite to another one; collective."""
     found = list(contacts)
     for number, one in enumerate(found):
         if one.against != one.face:
@@ -169,15 +169,25 @@ def on_two_sides(
             of = mesh.bodies[body]
         else:
             of, face = mesh, one.face
-        first, second, depth = two_sides(of, of.facets(face, "contact"), f"contact face {one.face!r} against itself")
-        sides = {f"{face}_facing_itself_1": first, f"{face}_facing_itself_2": second}
+        first, second, depth, meet = two_sides(of, of.facets(face, "contact"))
+        if not (meet or large):
+            raise ValueError(
+                f"contact face {one.face!r} against itself: no part of it is before another part before deformation: "
+                "make two faces of the parts that will meet, and give one against the other"
+            )
+        sides = dict(zip(names_of_sides(face), (first, second), strict=True))
         if isinstance(mesh, Deformable):
             of.faces.update(sides)
         elif isinstance(mesh, JoinedMesh):
             mesh = JoinedMesh({**mesh.bodies, body: replace(of, faces={**of.faces, **sides})})
         else:
             mesh = replace(of, faces={**of.faces, **sides})
-        names = (one.face.removesuffix(face) + side for side in sides)
         known = depth if one.depth is None and np.isfinite(depth) else one.depth
-        found[number] = replace(one, face=next(names), against=next(names), depth=known)
+        slave, master = names_of_sides(one.face)
+        found[number] = replace(one, face=slave, against=master, depth=known, slave=one.slave or not meet)
     return mesh, tuple(found)
+
+
+def names_of_sides(face: str) -> tuple[str, str]:
+    """Of the sides of a face in contact with itself."""
+    return f"{face}_facing_itself_1", f"{face}_facing_itself_2"

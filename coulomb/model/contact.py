@@ -235,7 +235,7 @@ class Contact:
         gap_amplitude: Factor of `gap` as a function of time, with which a press fit is applied in a load history.
         against: In place of a foundation, another deformable face, of another body ("lower:top") or of the same; or
             the face itself: its facets that are before each other become two faces, "skin_facing_itself_1" and
-            "skin_facing_itself_2".
+            "skin_facing_itself_2", in large motions at the beginning of every load step.
         adjust: Gaps and penetrations between two deformable faces up to this size in metres, as meshes leave them where
             surfaces are the same, are closed before deformation, without strain.
         smooth: The facets of first order of a pair stand for smooth surfaces, with the mean normals at their corners,

@@ -248,6 +248,15 @@ class ContactBody:
         """What is outside of the contacts; collective."""
         return OutsideContacts(self.elasticity, self.contacts, self.foundations)
 
+    def on_sides(self, elasticity: Deformable) -> ContactBody:
+        """The same with bodies whose faces in contact with themselves have other sides, for what looks at contact faces
+        before deformation; collective."""
+        there = copy.copy(self)
+        there.elasticity = elasticity
+        vars(there).pop("outside", None)
+        there.probes = there.located(self.probes.probes)
+        return there
+
     def located(self, probes: Sequence[Probe]) -> LocatedProbes:
         """Probes found in the mesh; collective.  Raises ValueError as `Solution.probed`."""
         members = self.elasticity.members

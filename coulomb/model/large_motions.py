@@ -105,11 +105,15 @@ class LoadStepLoop:
     Args:
         posed: The problem at the end of the step, with the state `before`.
         shared: What it shares with the other load steps.
+        start: The displacement at its beginning (k, 3), by default that of the state.
     """
 
-    def __init__(self, posed: DiscreteProblem, shared: LoadSteps):
+    def __init__(self, posed: DiscreteProblem, shared: LoadSteps, start: FloatArray | None = None):
         self.posed, self.shared = posed, shared
-        self.elasticity, self.comm, self.time = shared.elasticity, posed.comm, posed.time
+        if start is None:
+            start = np.zeros_like(shared.elasticity.x) if posed.before is None else posed.before.displacement
+        self.elasticity, self._undeformed = shared.sided(start)
+        self.comm, self.time = posed.comm, posed.time
         self._definite = False  # the last tangent was positive definite without contact
         self._damped = shared.damped
         self._failed = ""  # why a linear problem had no answer
@@ -407,7 +411,7 @@ class LoadStepLoop:
         motions: FloatArray | None = None,
         previous: FloatArray | None = None,
     ) -> Iterate:
-        pose = partial(self.shared.posed, poses=poses, motions=motions)
+        pose = partial(self.shared.posed, undeformed=self._undeformed, poses=poses, motions=motions)
         return Iterate(self.elasticity, pose, u, time, state, self.shared.points, start, previous)
 
     def _elsewhere(
@@ -432,7 +436,10 @@ class LoadStepLoop:
         problem, on_body = solution.problem, solution.force_on_body
         then, now = before.forces, self._forces(problem, solution.displacement, solution.evidence, on_body)
         if then is None:
-            begin = self._iterate(before, before.displacement, before.time, None, before.poses)
+            then_from = None if before.before is None else before.before.displacement
+            begin = LoadStepLoop(self.posed, self.shared, then_from)._iterate(
+                before, before.displacement, before.time, None, before.poses
+            )
             surface = begin.problem.surface
             x, on_body = self._carried(before, begin).at(surface, self.shared.points), before.force_on_body
             evidence = begin.problem.evidence_here(x, np.ones_like(surface.x))

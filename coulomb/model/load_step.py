@@ -148,7 +148,7 @@ def ended(
         accumulated=Accumulated(*worn),
         pending=state.pending[:-1],
         forces=now,
-        before=Earlier(state.time, state.force_on_body),
+        before=Earlier(state.time, state.force_on_body, state.displacement),
         temperature_change=None if heat is None else heat.change,
         poses=problem.state.poses,
         turns=problem.elasticity.constraints.turns,

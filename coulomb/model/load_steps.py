@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.bodies import Deformable, component_modes, free_motions
+from ..fem.bodies import Deformable, JoinedBodies, component_modes, free_motions
+from ..fem.contact import two_sides
+from ..fem.meshes import SEPARATOR
 from ..linalg.reductions import Reductions
 from ..units import amount
-from .arguments import linear_solver_of
+from .arguments import linear_solver_of, names_of_sides
 from .contact_body import ContactBody
 from .contact_faces import StatePoints
 from .iterate import Linearised
@@ -32,6 +37,7 @@ class LoadSteps:
         time: A time.
         linear_solver, explicit: Of the linear problems.
         branch: As of `ContactProblem`.
+        itself: The faces in contact with themselves, by the numbers of the contacts.
 
     Raises:
         ValueError: On every rank, if tied faces are apart, or the nodes of a section of a bolt are on a line.
@@ -47,7 +53,15 @@ class LoadSteps:
         stable: Whether an equilibrium has to be stable.
     """
 
-    def __init__(self, body: ContactBody, time: float, linear_solver: object, explicit: bool | None, branch: str):
+    def __init__(
+        self,
+        body: ContactBody,
+        time: float,
+        linear_solver: object,
+        explicit: bool | None,
+        branch: str,
+        itself: Mapping[int, str],
+    ):
         self.body, self.elasticity, self.remedy, self.stable = body, body.elasticity, 0, branch == "stable"
         self.damped, self.damping = False, 0.0
         self.held_by_contact = self._left_free()
@@ -60,7 +74,32 @@ class LoadSteps:
             else replace(one, foundation=foundation, force_point=body.foundation_loads.points.get(number))
             for number, (one, foundation) in enumerate(zip(body.contacts, body.foundations, strict=True))
         )
-        self.points = StatePoints.of_faces(self.elasticity, self.contacts)
+        self.itself, self._sided = itself, (self.elasticity, body)
+        of_states = [replace(one, face=itself.get(k, one.face)) for k, one in enumerate(self.contacts)]
+        self.points = StatePoints.of_faces(self.elasticity, of_states)
+
+    def sided(self, u: FloatArray) -> tuple[Deformable, ContactBody]:
+        """The bodies before deformation in a load step from a displacement u (k, 3), and with their contact faces: of
+        faces in contact with themselves with the sides that they have there; collective."""
+        if not self.itself or Reductions(self.elasticity.comm).all(not np.any(u)):
+            return self.elasticity, self.body
+        sides = dict[str, dict[str, npt.NDArray[np.int32]]]()
+        for number, name in self.itself.items():
+            member, facets = self.elasticity.face(name, "contact")
+            of, depth = u[member.nodes], self.contacts[number].depth
+            first, second = two_sides(member.body.mesh, facets, of, depth)[:2]
+            names = names_of_sides(name.split(SEPARATOR)[-1])
+            sides.setdefault(member.name, {}).update(zip(names, (first, second), strict=True))
+        for elasticity, body in ((self.elasticity, self.body), self._sided):
+            there = {one.name: one.body.mesh.faces for one in elasticity.members}
+            same = (np.array_equal(there[of][side], new) for of, faces in sides.items() for side, new in faces.items())
+            if self.elasticity.comm.allreduce(all(same), op=MPI.LAND):
+                return elasticity, body
+        bodies = [one.body.with_faces(sides.get(one.name, {})) for one in self.elasticity.members]
+        whole = self.elasticity
+        elasticity = whole.of(bodies) if isinstance(whole, JoinedBodies) else bodies[0]
+        self._sided = elasticity, self.body.on_sides(elasticity)
+        return self._sided
 
     def damps(self) -> bool:
         """Whether a failed step is worth another attempt with damping, which is set: not if it was damped already, or
@@ -106,12 +145,17 @@ class LoadSteps:
                 )
 
     def posed(
-        self, body: Deformable, time: float, poses: FloatArray | None, motions: FloatArray | None = None
+        self,
+        body: Deformable,
+        time: float,
+        undeformed: ContactBody,
+        poses: FloatArray | None,
+        motions: FloatArray | None = None,
     ) -> Linearised:
-        """The linear contact problem of bodies at their deformed place, with foundations under load in these poses, and
-        others moved by factors (faces,) of their motions; collective."""
+        """The linear contact problem of bodies at their deformed place, and how they are `undeformed`, with foundations
+        under load in these poses, and others moved by factors (faces,) of their motions; collective."""
         there = ContactBody(lambda: body.at_time(time), body.comm, self.contacts, time, *self._methods)
-        there.undeformed, there.motion_factors = self.body, motions
+        there.undeformed, there.motion_factors = undeformed, motions
         with timed(there.seconds, "assembly"):
             state = there.state(time, poses=poses)
         return Linearised(there, state, "enforce", now(), there.seconds)

@@ -261,7 +261,8 @@ class ContactProblem(DiscreteProblem):
             given["time"],
             given["kinematics"] == "large",
         )
-        mesh, contacts = on_two_sides(given["mesh"], contacts_given(given))
+        as_given = contacts_given(given)
+        mesh, contacts = on_two_sides(given["mesh"], as_given, large)
         given, methods = {**given, "mesh": mesh}, (linear_solver_of(given["linear_solver"]), given["explicit"])
         known = None if large else known
         before = None if known is None else known.elasticity.at_time(time)
@@ -278,7 +279,8 @@ class ContactProblem(DiscreteProblem):
         super().__init__(body, state, mode, started, body.seconds)
         self.given, self._values = given, _values_of(given)
         self._latest: ContactProblem = self
-        self.large = LoadSteps(body, time, *methods, given["branch"]) if large else None
+        itself = {k: one.face for k, one in enumerate(as_given) if one.face == one.against}
+        self.large = LoadSteps(body, time, *methods, given["branch"], itself) if large else None
         self.contacts = self.large.contacts if self.large else body.contacts
 
     def at(self, time: float, before: State | None = None) -> ContactProblem:

@@ -126,10 +126,12 @@ def coefficients_work(then: Forces, now: Forces, over: Reductions) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Earlier:
-    """Time and `State.force_on_body` of the step before the last one, from which forces are extrapolated."""
+    """Time, `State.force_on_body` and `State.displacement` of the step before the last one: forces are extrapolated
+    from there, and the sides of faces in contact with themselves were those of that displacement."""
 
     time: float
     force_on_body: FloatArray
+    displacement: FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from mpi4py import MPI
-from rubber_strips import pressed, strip
+from rubber_strips import folded, open_strip, pressed, strip
 
-from coulomb import Clamp, Contact, ContactProblem, Material, box, join
+from coulomb import Clamp, Contact, ContactProblem, HistoryFiles, LoadHistory, Material, NamedMesh, box, join, moved
 from coulomb.io.output import write
+from coulomb.io.run_directory import RunDirectory
 from coulomb.model import arguments
 from coulomb.recheck import check
 
@@ -35,15 +37,62 @@ def test_forces_across_planes_of_symmetry_act_on_neither_face():
     assert answer.certificate["action and reaction"].value < 1e-9
 
 
+@pytest.mark.parametrize(("cells", "kind"), [(16, ("hexahedron", 1)), (8, ("tetrahedron", 2))])
+def test_a_fold_that_is_not_there_before_deformation_as_two_faces(cells, kind, tmp_path):
+    """Written, checked, and continued from the files, also with other sides than those before deformation."""
+    mesh, times = open_strip(MPI.COMM_WORLD, cells, kind), (0.4, 0.7, 1.0, 1.5, 2.0)
+    skin, pair = folded(mesh, ITSELF), folded(mesh, Contact("low", 0.3, against="high", slave=True))
+    history = LoadHistory(times)
+    history.run(skin, HistoryFiles(tmp_path / "run"), on_step=lambda step: step.state.number == 4)
+    history.run(skin, HistoryFiles(tmp_path / "run", resume=True))
+    *_, last = history.steps(pair)
+    totals, rows = last.solution.at_nodes.totals(), RunDirectory(tmp_path / "run")
+    summary = rows.read_summary()
+    assert summary["valid"] and last.solution.valid
+    assert totals["normal_force"] > 1e4 and last.state.energy.dissipated > 1.0
+    assert summary["last"]["totals"]["force"] == pytest.approx(totals["force"], rel=1e-6, abs=0.1)
+    energy = summary["last"]["step"]["energy"]
+    assert [energy["elastic"], energy["dissipated"]] == pytest.approx(
+        [last.state.energy.elastic, last.state.energy.dissipated], rel=1e-6
+    )
+    assert check(tmp_path / "run").passed
+
+
+def test_a_fold_that_closes_within_one_load_step_makes_the_answer_invalid():
+    problem = folded(open_strip(MPI.COMM_WORLD, 16), ITSELF)
+    problem.large.itself = {}
+    *_, last = LoadHistory((0.4, 0.7, 1.0, 1.5, 2.0)).steps(problem)
+    assert not last.solution.valid and last.solution.small_strain.overlap > 0.01
+
+
 def test_what_is_on_one_side_and_meets_makes_the_answer_invalid(monkeypatch):
     """With sides that are none: the inner sides of both arms on the first, their outer sides on the second."""
     mesh = strip(MPI.COMM_WORLD, 2, 16)
-    sides = arguments.two_sides(mesh, mesh.faces["skin"], "")
+    sides = arguments.two_sides(mesh, mesh.faces["skin"])
     wrong = sides._replace(first=mesh.faces["top"], second=mesh.faces["bottom"])
     monkeypatch.setattr(arguments, "two_sides", lambda *_: wrong)
     (answer,) = pressed(mesh, ITSELF)
     assert not answer.valid and answer.certificate.passed
     assert answer.small_strain.overlap > 0.5
+
+
+def test_sides_that_are_farther_apart_than_each_is_wide():
+    """The walls of a gutter, inside 1 m high and 6 m apart."""
+
+    def way(x):
+        angle, beyond = np.clip((x[0] - 1.0) / 3.5, 0.0, np.pi), np.maximum(x[0] - 1.0 - 3.5 * np.pi, 0.0)
+        r = 4.0 - x[2]
+        along = np.minimum(x[0], 1.0) + r * np.sin(angle) + beyond * np.cos(angle)
+        return np.array([along, x[1], 3.5 - r * np.cos(angle)]) - x
+
+    mesh = moved(box((2.0 + 3.5 * np.pi, 1.0, 1.0), (26, 1, 1)), way)
+    lower = NamedMesh(mesh.domain, {"lower": lambda x: x[2] < 3.5 + 1e-6}).faces["lower"]
+    sides = {"one": np.intersect1d(mesh.faces["top"], lower), "other": np.setdiff1d(mesh.faces["top"], lower)}
+    mesh = replace(mesh, faces={**mesh.faces, **sides})
+    pair = Contact("one", 0.3, against="other", slave=True)
+    surface = ContactProblem(mesh, Material(1e9, 0.3), [Clamp("bottom")], pair).surface
+    straight = surface.x[:, 0] < 0.5
+    assert np.count_nonzero(straight) == 4 and surface.gap[straight] == pytest.approx(6.0)
 
 
 def test_a_face_that_is_nowhere_before_itself_is_refused():

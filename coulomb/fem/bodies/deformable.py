@@ -10,8 +10,8 @@ import copy
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -267,6 +267,12 @@ class SingleBody(DisplacementSpace, Deformable):
     def strain_force(self, u: FloatArray) -> FloatArray:
         """Its derivative along u, nodal forces in newtons, shape (k, 3); at a deformed place, there; collective."""
         return self.internal_force(u)
+
+    def with_faces(self, faces: Mapping[str, npt.NDArray[np.int32]]) -> Self:
+        """The same with other facets of some faces, this rank's by name, which no load or support is on."""
+        there = copy.copy(self)
+        there.mesh = replace(self.mesh, faces={**self.mesh.faces, **faces})
+        return there
 
     @contextmanager
     def shifted(self, shift: FloatArray) -> Iterator[SingleBody]:

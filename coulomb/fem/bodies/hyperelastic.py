@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -208,6 +208,11 @@ class HyperelasticBody(NonlinearBody):
         self.__dict__.pop("not_held", None)
         if self.acting:
             self._siblings[self.acting] = self
+
+    def with_faces(self, faces: Mapping[str, npt.NDArray[np.int32]]) -> Self:
+        there = super().with_faces(faces)
+        there._siblings = {there.acting: there}
+        return there
 
     @property
     def limits(self) -> tuple[float, ...]:

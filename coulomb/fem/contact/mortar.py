@@ -186,7 +186,7 @@ class Search:
     @classmethod
     def of(cls, distance: float, extents: Sequence[float], deepest: float) -> Search:
         """For faces at this distance from each other, with these extents, and penetrations up to the deepest."""
-        return cls(min(_DEPTH * min(extents), deepest), distance + max(extents))
+        return cls(min(_DEPTH * min(extents), deepest), distance + sum(extents))
 
 
 def search_of(slave: FacetPatch, master: FacetPatch, deepest: float = np.inf) -> Search:

@@ -1,4 +1,4 @@
-"""A face in contact with itself: the two sides that it has, slave and master of a pair, before deformation.
+"""A face in contact with itself: the two sides that it has, slave and master of a pair, at a displacement.
 
 From the middle of every facet a line goes along its normal.  What it meets first before the facet is opposite to it:
 both are on different sides.  What it meets first behind it is the other surface of the wall, on the same side, since a
@@ -6,10 +6,12 @@ wall does not touch itself through its thickness.  Neighbours are on the same si
 each other, those of opposite facets hold before those of walls, these before those of neighbours, and the nearer ones
 first: they join the facets to a minimum spanning forest (Kruskal 1956), along which the sides follow.  So the sides of
 a fold end in its bend, those of a bore where it is widest, and a zigzag or a spiral of many layers has two as well.
+In large motions folds form and open: load steps begin with the sides that the face has then.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -21,13 +23,16 @@ from ...arrays import FloatArray, IntArray
 from .. import compat
 from ..bodies import DisplacementSpace
 from ..meshes import NamedMesh, boundary_facets
-from .closest_points import facets_of, hits
+from .closest_points import facets_of, gathered, hits
 
 _TOUCHES: Final = 1e-3
 """Distance over the radius of the smallest facet up to which opposite facets may be behind each other."""
 
 _OF_WALL: Final = 0.5
 """Part of the thinnest wall up to which penetrations are found."""
+
+_PRESSED: Final = 0.5
+"""Part of that up to which, after deformation, opposite facets are behind each other: contact holds in the mean."""
 
 _SAME: Final = 1e-9
 """Distances that differ by less than this part of the extent of the body are the same."""
@@ -37,49 +42,59 @@ _GENERIC: Final = np.array([0.7937, 0.5321, 0.2953])
 
 
 class TwoSides(NamedTuple):
-    """This rank's facets of the two sides of a face, and half of the thinnest wall behind it in metres, inf without
-    one: the largest penetration that can be told from the other surface of a wall."""
+    """This rank's facets of the two sides of a face; half of the thinnest wall behind it in metres, inf without one,
+    the largest penetration that can be told from the other surface of a wall; and whether any part is before another
+    one, without which the second side is a single facet."""
 
     first: npt.NDArray[np.int32]
     second: npt.NDArray[np.int32]
     depth: float
+    meet: bool
 
 
-def two_sides(mesh: NamedMesh, face: npt.NDArray[np.int32], what: str) -> TwoSides:
+def two_sides(
+    mesh: NamedMesh,
+    face: npt.NDArray[np.int32],
+    u: FloatArray | None = None,
+    depth: float | None = None,
+) -> TwoSides:
     """The sides of a face in contact with itself, of this rank's facets; collective, the same on any number of ranks.
 
-    Raises:
-        ValueError: On every rank, beginning with `what`, if no part of it is opposite to another one.
+    Args:
+        mesh: Of the body.
+        face: This rank's facets.
+        u: Displacement of this rank's nodes, metres, shape (k, 3); by default the sides are those before deformation.
+        depth: With a displacement, that of the sides before it.
     """
     domain, comm = mesh.domain, mesh.comm
     space, outer = DisplacementSpace(compat.functionspace(domain, mesh.degree, (3,))), boundary_facets(domain)
     outer = outer[outer < domain.topology.index_map(2).size_local]
-    of, on_face = facets_of(space, outer)[0], np.isin(outer, face)
-    own, touches = np.flatnonzero(np.concatenate(comm.allgather(on_face))), _TOUCHES * float(of.radius.min())
+    (of, nodes), on_face = facets_of(space, outer), np.isin(outer, face)
+    own = np.flatnonzero(np.concatenate(comm.allgather(on_face)))
+    places, touches = of.middle[own] @ _GENERIC, _TOUCHES * float(of.radius.min())
+    if u is not None:
+        of = replace(of, x=of.x + gathered(space, nodes, u))
+        touches = max(touches, _PRESSED * depth) if depth is not None and np.isfinite(depth) else touches
     start, along = of.middle[own], of.normal[own]
     before = hits(start, along, of, touches, of.extent)
     behind = hits(start, along, of, of.extent, -touches)
     number: IntArray = np.full(len(of) + 1, -1)  # among those of the face, the last one for the hit -1
     number[own] = np.arange(len(own))
     opposite, wall = number[before.facet], number[behind.facet]
-    if not np.any(opposite >= 0):
-        raise ValueError(
-            f"{what}: no part of it is before another part before deformation: make two faces of the parts that will "
-            "meet, and give one against the other"
-        )
     conditions = [(np.flatnonzero(other >= 0), other[other >= 0]) for other in (opposite, wall)]
     conditions.append(_neighbours(of.nodes[own, : of.corners]))
     one, other = (np.concatenate(ends) for ends in zip(*conditions, strict=True))
     kind = np.repeat(np.arange(3), [len(ends[0]) for ends in conditions])
     way = np.where(opposite >= 0, np.abs(before.way), np.inf)
     near = np.select([kind == 0, kind == 1], [way[one], -behind.way[one]], np.maximum(way[one], way[other]))
-    places = start @ _GENERIC
     order = np.lexsort((places[one] + places[other], np.round(near / (_SAME * of.extent)), kind))
     first = _first_side(one[order], other[order], kind[order] == 0, places)
+    if not (meet := bool(np.any(opposite >= 0))) and len(places):
+        first[np.argmax(places)] = False
     counts = comm.allgather(int(np.sum(on_face)))
     mine = first[sum(counts[: comm.rank]) :][: counts[comm.rank]]
     depth = _OF_WALL * float(np.min(np.abs(behind.way), initial=np.inf))
-    return TwoSides(outer[on_face][mine], outer[on_face][~mine], depth)
+    return TwoSides(outer[on_face][mine], outer[on_face][~mine], depth, meet)
 
 
 def _neighbours(corners: IntArray) -> tuple[IntArray, IntArray]:
