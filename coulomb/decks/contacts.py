@@ -67,13 +67,26 @@ def _included(of: Reading) -> list[tuple[Card, int, list[str], str]]:
     for card in of.model:
         if card.kind == "CONTACTINCLUSIONS" and "ALLEXTERIOR" not in card.parameters:
             for row in range(len(card.lines)):
-                words = [*card.words(row), ""][:2]
+                words = _both(card.words(row))
                 if not all(words):
-                    raise card.fault("needs two surfaces: contact of one with itself is not read", row)
+                    raise card.fault("needs two surfaces, or one in contact with itself", row)
                 keys = key_of(words[0]), key_of(words[1])
-                own = next((assigned[pair] for pair in (keys, keys[::-1], ("", "")) if pair in assigned), None)
+                alone = [(keys[0], "")] if keys[0] == keys[1] else []
+                own = next((assigned[pair] for pair in (keys, keys[::-1], *alone, ("", "")) if pair in assigned), None)
                 found.append((card, row, words, "" if own is None else own[2]))
     return found
+
+
+def _both(words: Sequence[str]) -> list[str]:
+    """The two surfaces of a pair: one alone is in contact with itself."""
+    return [words[0], words[1] if len(words) > 1 and words[1] else words[0]] if words else [""]
+
+
+def itself(model: Sequence[Card]) -> bool:
+    """Whether a surface is in contact with itself."""
+    cards = [card for card in model if card.kind in ("CONTACTPAIR", "CONTACTINCLUSIONS")]
+    pairs = [_both(card.words(row)) for card in cards for row in range(len(card.lines))]
+    return any(key_of(one) == key_of(other) for one, other in pairs)
 
 
 def _assigned(of: Reading) -> dict[tuple[str, str], tuple[Card, int, str]]:
@@ -90,8 +103,8 @@ def _given_pairs(of: Reading) -> Iterator[tuple[Card, int, list[str], str]]:
     """Card and line of every pair, its surfaces, and its interaction."""
     for card in of.model:
         if card.kind == "CONTACTPAIR":
-            for row, words in card.rows("a slave and a master surface", 2):
-                yield card, row, words, card.key("INTERACTION")
+            for row, words in card.rows("a slave and a master surface, or one in contact with itself"):
+                yield card, row, _both(words), card.key("INTERACTION")
     yield from _included(of)
 
 
@@ -123,6 +136,12 @@ def _read_pairs(of: Reading) -> list[_Pair]:
         clearance = clearances.pop(names, None)
         course = _course(of, names, [(None, _law(of, interaction.behavior)), *_other_laws(of, called)])
         kinds = {kind for _, kind in course}
+        if names[0] == names[1]:
+            if "tied" in kinds or clearance is not None:
+                raise card.fault("a surface in contact with itself is neither TIED nor has a *CLEARANCE", row)
+            of.notes.append(
+                f"line {card.line}: {words[0]} in contact with itself: its parts that are before each other are a pair"
+            )
         thermal = _conductance(interaction.conductance) if of.heated else {}
         if kinds == {"none"} and thermal:
             raise card.fault("heat through a pair without contact stiffness is not read", row)
@@ -395,7 +414,7 @@ def _goes_out(card: Card, names: tuple[str, str]) -> bool | None:
     """Whether a *MODEL CHANGE takes a pair out, or puts it in; None if it does neither."""
     if card.kind != "MODELCHANGE" or not card.key("TYPE").startswith("CONTACTPAIR"):
         return None
-    for _, words in card.rows("a slave and a master surface", 2):
-        if tuple(map(key_of, words[:2])) == names:
+    for _, words in card.rows("a slave and a master surface, or one in contact with itself"):
+        if tuple(map(key_of, _both(words))) == names:
             return "REMOVE" in card.parameters
     return None

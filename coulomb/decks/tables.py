@@ -16,7 +16,7 @@ import numpy as np
 from ..arrays import IntArray
 from .cards import Card, key_of
 from .constraints import Constraints
-from .contacts import contact_tables, general_contact
+from .contacts import contact_tables, general_contact, itself
 from .fates import REFUSED, Row, fates, refuse_misplaced
 from .geometry import SECTION, Geometry, read_geometry
 from .heat import Heat
@@ -87,15 +87,20 @@ class _Translator:
         refuse_misplaced(model, [card for step in steps for card in step.cards])
         if not steps:
             raise ValueError(f"{deck.path}: has no *STEP with *STATIC")
-        laws = any(card.kind == "HYPERELASTIC" for card in model)
-        if large or laws:
+        asked = [step for step in steps if "NLGEOM" in step.card.parameters and step.card.key("NLGEOM") != "NO"]
+        folds = bool(asked) and itself(model)
+        large = large or folds or any(card.kind == "HYPERELASTIC" for card in model)
+        if large:
             for step in steps:
                 step.divide()
         if not any(map(len, deck.solids.values())):
             raise ValueError(f"{deck.path}: has no solid elements")
-        self.deck, self.of = deck, Reading(deck, model, steps, large or laws)
+        self.deck, self.of = deck, Reading(deck, model, steps, large)
         self.notes = self.translation.notes = self.of.notes
+        self.translation.nonlinear = bool(asked)
         self.translation.tables = self._tables()
+        if folds:
+            self.notes.append("NLGEOM and a surface in contact with itself: solved with large motions")
 
     def _tables(self) -> dict[str, Any]:
         stem = Path(self.deck.path).stem
@@ -151,13 +156,9 @@ class _Translator:
         timed = any("amplitude" in key for table in _all_tables(tables) for key in table)
         if len(times) > 1 or timed or self.of.large or not self.of.open:
             tables["history"] = {"times": times}
-        nonlinear = [
-            step for step in self.of.steps if "NLGEOM" in step.card.parameters and step.card.key("NLGEOM") != "NO"
-        ]
-        self.translation.nonlinear = bool(nonlinear)
         if self.of.large:
             tables["solver"] = {"kinematics": "large"}
-        elif nonlinear:
+        elif self.translation.nonlinear:
             self.notes.append(
                 "NLGEOM: solved with small motions first, and with large ones if they are too large for that"
             )
