@@ -331,6 +331,9 @@ CASE = {
     "traction": [{"face": "top", "value": [0.0, 0.0, "-1e6*x"]}, {"face": "left", "value": [1e6, 0.0, 0.0]}],
     "pressure": [{"face": "bore", "value": 2e6}, {"face": "rim", "value": "1e5*z", "amplitude": [[0, 0], [2, 1]]}],
     "total_force": [{"face": "lug", "force": [0.0, 0.0, -5e3]}],
+    "point_load": [{"face": "hub", "force": [0.0, 0.0, 2.0], "moment": [0.0, 3.0, 0.0]}],
+    "nodal_force": [{"face": "edge", "force": [5.0, 0.0, 0.0], "amplitude": [[0, 0], [1, 1]]}],
+    "volume_force": [{"cells": "coil", "value": [0.0, "1e3*x", 0.0]}],
     "prescribed_displacement": [{"face": "right", "value": ["1e-6*y", 0.0, 0.0], "components": "x"}],
 }
 
@@ -343,7 +346,10 @@ def test_loads_in_words():
         "traction on left": "(1, 0, 0) MPa",
         "pressure on bore": "2 MPa",
         "pressure on rim": "1e5*z Pa, factor 0 at 0 s, 1 at 2 s",
+        "point load on hub": "(0, 0, 2) N, (0, 3, 0) N m",
         "total force on lug": "(0, 0, −5) kN",
+        "force at every node of edge": "(5, 0, 0) N, factor 0 at 0 s, 1 at 1 s",
+        "force in the volume of coil": "(0, 1e3*x, 0) N/m³",
         "body force": "(10*x, 0, 0) N/m³",
         "gravity": "(0, 0, −9.81) m/s², factor 0 at 0 s, 1 at 1 s, not defined after the last",
         "gravity on upper": "(0, 0, 0) m/s², factor 0 at 0 s, 1 at 1 s, not defined after the last",

@@ -48,6 +48,16 @@ def bodies_and_meshes(run: Run) -> list[tuple[str, str]]:
 _ROWS: Final = 8
 """Maximum number of rows of a table in time that are shown."""
 
+_LOADS: Final = {
+    "traction": ("traction on", {"value": "Pa"}),
+    "pressure": ("pressure on", {"value": "Pa"}),
+    "point_load": ("point load on", {"force": "N", "moment": "N m"}),
+    "total_force": ("total force on", {"force": "N"}),
+    "nodal_force": ("force at every node of", {"force": "N"}),
+    "volume_force": ("force in the volume of", {"value": "N/m³"}),
+}
+"""Loads of a case: title, and the units of their values."""
+
 _AFTER = {"error": ", not defined after the last", "repeat": ", repeated"}
 
 
@@ -93,18 +103,11 @@ def supports_and_loads(case: dict[str, Any]) -> list[tuple[str, str]]:
         stiffness = [float(given)] * 3 if isinstance(given, int | float) else given
         unit = "N/m" if spring.get("nodes") else "N/m³"
         facts.append((f"spring on {spring['face']}", f"{_bare(stiffness)} {unit} along x, y, z"))
-    for load in case.get("traction", ()):
-        facts.append((f"traction on {load['face']}", vector_at(load["value"], "Pa") + in_time(load.get("amplitude"))))
-    for load in case.get("pressure", ()):
-        given = load["value"]
-        value = f"{given} Pa" if isinstance(given, str) else quantity(given, "Pa")
-        facts.append((f"pressure on {load['face']}", value + in_time(load.get("amplitude"))))
-    for load in case.get("point_load", ()):
-        force, moment = (load.get(name, [0.0] * 3) for name in ("force", "moment"))
-        acting = f"{vector(force, 'N')}, {vector(moment, 'N m')}"
-        facts.append((f"point load on {load['face']}", acting + in_time(load.get("amplitude"))))
-    for load in case.get("total_force", ()):
-        facts.append((f"total force on {load['face']}", vector(load["force"], "N") + in_time(load.get("amplitude"))))
+    for kind, (title, values) in _LOADS.items():
+        for load in case.get(kind, ()):
+            shown = ", ".join(_with_unit(load[name], unit) for name, unit in values.items() if name in load)
+            where = load.get("face") or load["cells"]
+            facts.append((f"{title} {where}", shown + in_time(load.get("amplitude"))))
     for heat in case.get("heat", ()):
         kinds = {"temperature": "temperature of", "flux": "heat flux into", "film": "film on", "source": "heat in"}
         kind = next(name for name in kinds if name in heat)
@@ -113,9 +116,6 @@ def supports_and_loads(case: dict[str, Any]) -> list[tuple[str, str]]:
         where = heat.get("face") or heat.get("body") or "all bodies"
         value = number_at(heat[kind]) + units[kind] + beyond + in_time(heat.get("amplitude"))
         facts.append((f"{kinds[kind]} {where}", value))
-    for load in case.get("volume_force", ()):
-        value = vector_at(load["value"], "N/m³")
-        facts.append((f"force in the volume of {load['cells']}", value + in_time(load.get("amplitude"))))
     for key, name, unit in (("body_force", "body force", "N/m³"), ("gravity", "gravity", "m/s²")):
         value = case.get(key, ())
         if any(value):
@@ -124,6 +124,13 @@ def supports_and_loads(case: dict[str, Any]) -> list[tuple[str, str]]:
         if (own := body.get("gravity")) is not None:
             facts.append((f"gravity on {body['name']}", f"{_bare(own)} m/s²{in_time(case.get('gravity_amplitude'))}"))
     return facts
+
+
+def _with_unit(value: float | str | Sequence[float | str], unit: str) -> str:
+    """A number or a vector, whose components may be expressions of place."""
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return vector_at(value, unit)
+    return f"{value} {unit}" if isinstance(value, str) else quantity(value, unit)
 
 
 def vector_at(value: Sequence[float | str], unit: str) -> str:
