@@ -190,17 +190,23 @@ def coefficient(value: float | str | FieldTable) -> Coefficient:
     return expression(value) if isinstance(value, str) else value
 
 
+class _VectorOfPlace:
+    """A vector of which components are expressions, `said` as it was given."""
+
+    def __init__(self, value: tuple[float | str, float | str, float | str]):
+        self.said = f"({', '.join(one if isinstance(one, str) else f'{one:g}' for one in value)})"
+        self._components = [coefficient(component) for component in value]
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        return np.array([c(x) if callable(c) else np.full(x.shape[1], float(c)) for c in self._components])
+
+
 def field(value: tuple[float | str, float | str, float | str]) -> VectorField:
     """A vector, or the function of place if a component is an expression."""
     numbers = [component for component in value if not isinstance(component, str)]
     if len(numbers) == 3:
         return tuple(numbers)
-    components = [coefficient(component) for component in value]
-
-    def at(x: FloatArray) -> FloatArray:
-        return np.array([c(x) if callable(c) else np.full(x.shape[1], float(c)) for c in components])
-
-    return at
+    return _VectorOfPlace(value)
 
 
 class AlongAxes(Table):

@@ -18,13 +18,15 @@ from conftest import ROOT, run_coulomb, solved_block
 from matplotlib.axes import Axes
 from report_pages import data_of, numbers, page_of, page_without_pictures, words_of
 
+import coulomb
+from coulomb.case.values import field
 from coulomb.cli.terminal import _steps_that_count
 from coulomb.io import output
 from coulomb.io.history_files import whole
 from coulomb.pictures.report import charts, results
 from coulomb.pictures.report.fields import named
 from coulomb.pictures.report.files import read_run
-from coulomb.pictures.report.problem import in_time, supports_and_loads, values_in_time
+from coulomb.pictures.report.problem import in_time, supports, ties_and_loads, values_in_time
 from coulomb.pictures.report.words import in_few
 from coulomb.units import number, quantity, scale_of, vector
 from coulomb.version import __version__
@@ -89,7 +91,7 @@ def test_a_run_that_failed_is_red(failed):
 def test_page_of_a_history(history):
     text, words = page_of(history), words_of(history)
     assert "6 load steps to time 6 s" in words and "All 6 steps" in words
-    assert "components x: (2, 0, 0) mm, factor 0 at 1 s, 1 at 2 s, −1 at 4 s, 1 at 6 s" in words
+    assert "x = 2 mm, factor 0 at 1 s, 1 at 2 s, −1 at 4 s, 1 at 6 s" in words
     assert text.count('<svg role="img"') == 6  # force, hysteresis, surface, reactions, effort, convergence
     summary = json.loads((history / "summary.json").read_text())["last"]
     for part in summary["reactions"]:
@@ -272,7 +274,7 @@ def test_a_run_from_python_has_no_case(tmp_path):
     output.write(solved_block(6), tmp_path)
     assert not (tmp_path / "case.json").exists() and not (tmp_path / "report.html").exists()
     (tmp_path / "report.html").write_text(page_without_pictures(tmp_path))
-    assert "loads (20, 30, −120) MN in all" in words_of(tmp_path) and "49 nodes held" in words_of(tmp_path)
+    assert "loads (20, 30, −120) MN in all" in words_of(tmp_path) and "clamp on left x, y, z" in words_of(tmp_path)
 
 
 def test_report_of_no_run_exits_2(tmp_path):
@@ -334,14 +336,12 @@ CASE = {
     "point_load": [{"face": "hub", "force": [0.0, 0.0, 2.0], "moment": [0.0, 3.0, 0.0]}],
     "nodal_force": [{"face": "edge", "force": [5.0, 0.0, 0.0], "amplitude": [[0, 0], [1, 1]]}],
     "volume_force": [{"cells": "coil", "value": [0.0, "1e3*x", 0.0]}],
-    "prescribed_displacement": [{"face": "right", "value": ["1e-6*y", 0.0, 0.0], "components": "x"}],
 }
 
 
 def test_loads_in_words():
-    said = {name: text.replace("\u202f", " ") for name, text in supports_and_loads(CASE)}
+    said = {name: text.replace("\u202f", " ") for name, text in ties_and_loads(CASE)}
     assert said == {
-        "prescribed displacement on right": "components x: (1e-6*y, 0, 0) m",
         "traction on top": "(0, 0, -1e6*x) Pa",
         "traction on left": "(1, 0, 0) MPa",
         "pressure on bore": "2 MPa",
@@ -356,17 +356,46 @@ def test_loads_in_words():
     }
 
 
+def test_supports_in_words():
+    """As they were understood, with their factors in time and their ends."""
+    mesh, steel, contact = coulomb.box((1.0, 1.0, 1.0), (1, 1, 1)), coulomb.Material(2e11, 0.3), coulomb.Contact
+    held = [
+        coulomb.Clamp("left", end=2.0),
+        coulomb.PrescribedDisplacement("right", (1e-3, 0.0, 0.0), "x", amplitude=[(0.0, 0.0), (1.0, 1.0)]),
+        coulomb.PrescribedDisplacement("top", (0.0, 2e-3, 0.0), "y", amplitude=np.sin),
+        coulomb.PrescribedDisplacement("top", field((0.0, 0.0, "-1e-3*x")), "z"),
+        coulomb.PrescribedRotation(
+            "back", (0, 0, 0), (0, 1, 0), 0.1, coulomb.LoadCurve([0, 1, 2], [0, 1, 0], "repeat")
+        ),
+    ]
+    problem = coulomb.ContactProblem(
+        mesh, steel, held, contact("bottom", 0.3), springs=[coulomb.Spring("front", (0.0, 1e9, 0.0))]
+    )
+    entries = json.loads(json.dumps(problem.elasticity.support_entries()))
+    said = [(name, text.replace("\u202f", " ")) for name, text in supports({"understood": {"supports": entries}})]
+    assert said == [
+        ("clamp on left", "x, y, z, until 2 s"),
+        ("prescribed displacement on right", "x = 1 mm, factor 0 at 0 s, 1 at 1 s"),
+        ("prescribed displacement on top", "y = 2 mm, times a function of time"),
+        ("prescribed displacement on top", "z: (0, 0, -1e-3*x) m"),
+        (
+            "prescribed rotation on back",
+            "rotation 0.1 rad about (0, 1, 0) through (0, 0, 0) m, factor 0 at 0 s, 1 at 1 s, 0 at 2 s, repeated",
+        ),
+        ("spring on front", "stiffness (0, 1e+09, 0) N/m^3"),
+    ]
+
+
 def test_rigid_faces_in_words():
     back = {
         "face": "back",
         "along": "free",
         "translation": {"x": None, "y": 1e-3},
-        "rotation_stiffness": [5.0, 0.0, 5.0],
     }
-    hub = {"face": "hub", "along": "rigid", "translation_stiffness": [1, 2, 3], "rotation_stiffness": [0.0, 0.0, 0.0]}
-    assert supports_and_loads({"rigid_face": [back, hub]}) == [
-        ("plane face back", "translation y = 0.001, spring (5, 0, 5) N m/rad"),
-        ("rigid face hub", "spring (1, 2, 3) N/m"),
+    hub = {"face": "hub", "along": "rigid"}
+    assert ties_and_loads({"rigid_face": [back, hub]}) == [
+        ("plane face back", "translation y = 0.001"),
+        ("rigid face hub", "free"),
     ]
 
 

@@ -219,7 +219,7 @@ class Deformable(ReducedBodies):
 
     @abstractmethod
     def support_entries(self) -> list[dict[str, Any]]:
-        """Kind, face and what it holds of every support and spring."""
+        """Kind, face and what it holds, with its `amplitude_entry`, of every support and spring."""
 
     def forms(self) -> Mapping[str, Any] | None:
         """What is recorded of the user's forms; None for a body without."""

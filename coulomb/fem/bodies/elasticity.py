@@ -16,7 +16,16 @@ from ...arrays import FloatArray
 from ...native import address, kernels
 from .. import compat
 from ..compat import fem, ufl
-from ..geometry import Amplitude, Coefficient, Field, evaluate_amplitude, evaluate_numbers, of_place, on_all_ranks
+from ..geometry import (
+    Amplitude,
+    Coefficient,
+    Field,
+    amplitude_entry,
+    evaluate_amplitude,
+    evaluate_numbers,
+    of_place,
+    on_all_ranks,
+)
 from ..meshes import NamedMesh
 from .body import STRESSES, ElasticBody, strain
 from .constraints import HeldDirections, HeldNodes, SupportedNodes, contradictions, prescribed_rows
@@ -303,7 +312,10 @@ class LoadedBody(ElasticBody, HeldNodes):
         return -np.stack([self.spring_force(modes[:, :, k]) for k in range(6)], axis=2)
 
     def support_entries(self) -> list[dict[str, Any]]:
-        supports = [{"kind": support.kind, "face": support.face, "holds": support.holds} for support in self.supports]
+        supports = [
+            {"kind": one.kind, "face": one.face, "holds": one.holds, **amplitude_entry(one.amplitude)}
+            for one in self.supports
+        ]
         return supports + [{"kind": "spring", "face": spring.face, "holds": spring.holds} for spring in self.springs]
 
     def cell_fields(self, u: Any, loading: Loading) -> list[Any]:

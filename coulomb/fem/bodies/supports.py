@@ -13,7 +13,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray, is_number
-from ...units import amount, plain, quantity, vector
+from ...units import amount, plain, quantity, used, vector
 from ..geometry import (
     LEAST_LENGTH,
     Amplitude,
@@ -37,13 +37,13 @@ def held_in_words(components: str, direction: Field | None, value: Field) -> str
     """Held components or direction, and the prescribed displacement unless it is zero."""
     letters = direction is None and not set(components) - set("xyz")
     if direction is not None:
-        held = f"along {'a function of x' if of_place(direction) else vector_in_words(np.asarray(direction))}"
+        held = f"along {_said(direction) if of_place(direction) else vector_in_words(np.asarray(direction))}"
     elif letters:
         held = ", ".join(components)
     else:
         held = "along the normal" if components == "normal" else "across the normal"
     if of_place(value):
-        return f"{held}: a function of x"
+        return f"{held}: {_said(value, 'm')}"
     given = np.asarray(value, dtype=np.float64)
     if not np.any(given):
         return held
@@ -51,6 +51,12 @@ def held_in_words(components: str, direction: Field | None, value: Field) -> str
         moved = {letter: given["xyz".index(letter)] for letter in components}
         return ", ".join(f"{letter} = {plain(quantity(by, 'm')) if by else 0}" for letter, by in moved.items())
     return f"{held}: the part of {plain(vector(given, 'm'))}"
+
+
+def _said(value: Field, unit: str = "") -> str:
+    """A function of place as it was given in a case, with the name of its unit; that of a user has no words."""
+    said = getattr(value, "said", None)
+    return "a function of x" if said is None else f"{said} {plain(used().name(unit))}".rstrip()
 
 
 def vector_in_words(vector: Sequence[float] | FloatArray) -> str:

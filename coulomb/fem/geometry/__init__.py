@@ -42,6 +42,7 @@ from .user_values import (
     Field,
     Motion,
     Refused,
+    amplitude_entry,
     evaluate_amplitude,
     evaluate_numbers,
     evaluate_signed_numbers,

@@ -68,6 +68,17 @@ def evaluate_amplitude(amplitude: Amplitude, time: float, what: str, name: str =
     return float(_curve(amplitude, time, 1, f"{what}: {name}")[0])
 
 
+def amplitude_entry(amplitude: Amplitude) -> dict[str, Any]:
+    """An amplitude as in the tables of a case, for JSON: {"amplitude": rows (time, factor)}; empty for the factor 1."""
+    if isinstance(amplitude, int | float):
+        return {} if amplitude == 1.0 else {"amplitude": [[0.0, float(amplitude)]]}
+    if callable(amplitude):
+        return {"amplitude": "a function of time"}
+    curve = amplitude if isinstance(amplitude, LoadCurve) else LoadCurve(*np.transpose(real_numbers(amplitude)))
+    rows = curve.rows.tolist()
+    return {"amplitude": rows if curve.after == "hold" else {"table": rows, "after": curve.after}}
+
+
 def evaluate_motion(motion: Motion | None, time: float, what: str) -> FloatArray:
     """The translation at a time, shape (3,); zero without a motion; ValueError as of `evaluate_amplitude`."""
     if motion is None:

@@ -61,21 +61,15 @@ _LOADS: Final = {
 _AFTER = {"error": ", not defined after the last", "repeat": ", repeated"}
 
 
-def supports_and_loads(case: dict[str, Any]) -> list[tuple[str, str]]:
-    """Clamps, prescribed displacements, springs and loads of a case.json, as pairs of name and description."""
-    facts = []
-    for support in (*case.get("clamp", ()), *case.get("prescribed_displacement", ())):
-        value = support.get("value", [0.0] * 3)
-        kind, moved = ("prescribed displacement", f": {vector_at(value, 'm')}") if any(value) else ("clamp", " held")
-        along = support.get("direction")
-        directions = f"components {support.get('components', 'xyz')}" if along is None else f"along {_bare(along)}"
-        facts.append((f"{kind} on {support['face']}", directions + moved + in_time(support.get("amplitude"))))
-    for rotation in case.get("prescribed_rotation", ()):
-        axis, point = _bare(rotation["axis"]), vector(rotation["point"], "m")
-        free = "; free along the axis" if rotation.get("axial") == "free" else ""
-        turned = f"{number(rotation['angle'])} rad about {axis} through {point}{free}"
-        facts.append((f"prescribed rotation of {rotation['face']}", turned + in_time(rotation.get("amplitude"))))
-    facts += [("plane of symmetry", str(symmetry["face"])) for symmetry in case.get("symmetry", ())]
+def supports(summary: dict[str, Any]) -> Facts:
+    """Supports and springs, as they were understood."""
+    given = summary.get("understood", {}).get("supports", ())
+    return [(f"{one['kind']} on {one['face']}", one["holds"] + in_time(one.get("amplitude"))) for one in given]
+
+
+def ties_and_loads(case: dict[str, Any]) -> Facts:
+    """Rigid faces, ties, equations, bolts and loads of a case.json, as pairs of name and description."""
+    facts: Facts = []
     for face in case.get("rigid_face", ()):
         moves = [
             f"{what} {axis} = {value}" + in_time(face.get(f"{what}_{axis}_amplitude"))
@@ -83,9 +77,6 @@ def supports_and_loads(case: dict[str, Any]) -> list[tuple[str, str]]:
             for axis, value in (face.get(what) or {}).items()
             if value is not None
         ]
-        for name, unit in (("translation_stiffness", "N/m"), ("rotation_stiffness", "N m/rad")):
-            if any(face.get(name, ())):
-                moves.append(f"spring {_bare(face[name])} {unit}")
         kind = "plane face" if face.get("along") == "free" else "rigid face"
         facts.append((f"{kind} {face['face']}", (", ".join(moves) or "free") + in_time(face.get("amplitude"))))
     for kind in ("tie", "cyclic_symmetry"):
@@ -98,11 +89,6 @@ def supports_and_loads(case: dict[str, Any]) -> list[tuple[str, str]]:
         given = quantity(bolt["force"], "N") if bolt["force"] is not None else quantity(bolt["shortening"], "m")
         lock = "" if bolt["lock"] is None else f", locked at {number(bolt['lock'])} s"
         facts.append((f"pretension of {bolt['face']}", f"{given}{lock}{in_time(bolt.get('amplitude'))}"))
-    for spring in case.get("spring", ()):
-        given = spring["stiffness"]
-        stiffness = [float(given)] * 3 if isinstance(given, int | float) else given
-        unit = "N/m" if spring.get("nodes") else "N/m³"
-        facts.append((f"spring on {spring['face']}", f"{_bare(stiffness)} {unit} along x, y, z"))
     for kind, (title, values) in _LOADS.items():
         for load in case.get(kind, ()):
             shown = ", ".join(_with_unit(load[name], unit) for name, unit in values.items() if name in load)
@@ -149,7 +135,9 @@ def _bare(value: Sequence[float | str]) -> str:
 
 
 def in_time(amplitude: Any) -> str:
-    """A factor in time: rows [time, factor], or a load curve; empty without one."""
+    """A factor in time: rows [time, factor], a load curve, or what it is in words; empty without one."""
+    if isinstance(amplitude, str):
+        return f", times {amplitude}"
     shown = _rows_in_time(amplitude, lambda values: number(values[0]))
     return shown and f", factor {shown}"
 
@@ -184,7 +172,8 @@ def geometry(run: Run) -> Facts:
         text = f"displacements of degree {given['degree']}, {given['bcs']} Dirichlet conditions; not in the files"
         facts.append((f"the user's own forms{f' of {body}' if body else ''}", text))
     facts += _temperature(summary)
-    return facts + (supports_and_loads(run.case) if run.case is not None else _of_fields(run)) + _contact(run)
+    facts += supports(summary)
+    return facts + (ties_and_loads(run.case) if run.case is not None else _of_fields(run)) + _contact(run)
 
 
 def _material(material: dict[str, Any]) -> str:
@@ -220,14 +209,8 @@ def _temperature(summary: dict[str, Any]) -> Facts:
 
 def _of_fields(run: Run) -> Facts:
     """Facts of a run without case.json, from Python."""
-    body = run.steps[-1].grid("solution")
-    load, held = body.fields.get("load"), body.fields.get("held")
-    facts: Facts = []
-    if held is not None:
-        facts.append(("prescribed displacements", f"{in_nodes(np.count_nonzero(np.any(held > 0.0, axis=1)))} held"))
-    if load is not None:
-        facts.append(("loads", f"{vector(load.sum(axis=0).tolist(), 'N')} in all"))
-    return facts
+    load = run.steps[-1].grid("solution").fields.get("load")
+    return [] if load is None else [("loads", f"{vector(load.sum(axis=0).tolist(), 'N')} in all")]
 
 
 def _contact(run: Run) -> Facts:
