@@ -319,9 +319,11 @@ class ContactStiffness:
         return lengths(self._of_unit_motion(elasticity)) / (EPSILON * 3.0**0.5)
 
     def _of_unit_motion(self, elasticity: Deformable) -> FloatArray:
-        """`rounding_forces` of a displacement by 1 m, kept while K is the same; collective."""
-        if self._rounding is None or self._rounding[0] is not elasticity.K:
-            self._rounding = elasticity.K, rounding_forces(elasticity, np.ones_like(elasticity.x))
+        """`rounding_forces` of a displacement by 1 m, kept while K is the same: in large motions that of the bodies at
+        their place, which is assembled only for linear problems there; collective."""
+        of = elasticity if elasticity.members[0].body.large else elasticity.K
+        if self._rounding is None or self._rounding[0] is not of:
+            self._rounding = of, rounding_forces(elasticity, np.ones_like(elasticity.x))
         return self._rounding[1]
 
     # --- the method -----------------------------------------------------------------------------------------------

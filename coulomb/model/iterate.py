@@ -29,7 +29,7 @@ from ..solvers.friction_problem import FrictionProblem
 from ..solvers.rigid_motions import NO_MOTION
 from ..solvers.successive_tresca import Anderson
 from .certificate import Evidence
-from .certificate_scales import rounding_forces, rounding_of_gaps
+from .certificate_scales import rounding_of_gaps
 from .contact_faces import StatePoints
 from .discrete_problem import DiscreteProblem
 from .problem_evidence import gather_evidence
@@ -250,7 +250,7 @@ class Linearised(DiscreteProblem):
             load=load,
             prescribed=body.held.held_part(here - rigid) + e.prescribed,
             ground=None,
-            rounding=rounding_forces(body, np.maximum(np.abs(here + du), extent)),
+            rounding=self.body.stiffness.rounding_forces(body, np.maximum(np.abs(here + du), extent)),
         )
 
 
