@@ -31,6 +31,9 @@ _OPTIONS: Final = {
     "ksp_gmres_cgs_refinement_type": "refine_ifneeded",  # without, residuals stagnate at 1e-9
 }
 
+_MOST: Final = 1000
+"""Iterations, at most: beyond what systems take that are not singular, nearly."""
+
 
 class Elimination:
     """K, B, and an approximation of K^-1 in two halves, between which contact forces follow from displacements;
@@ -124,7 +127,7 @@ class CoupledKrylov:
         ksp.setErrorIfNotConverged(False)
         ksp.getPC().setType(PETSc.PC.Type.PYTHON)
         ksp.getPC().setPythonContext(self)
-        ksp.setTolerances(rtol=0.0, atol=atol, divtol=1e30, max_it=100 + 3 * comm.allreduce(self._m))
+        ksp.setTolerances(rtol=0.0, atol=atol, divtol=1e30, max_it=_MOST)
         try:
             ksp.solve(rhs, solution)
             return *self._parts(solution), float(ksp.getResidualNorm())
