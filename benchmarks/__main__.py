@@ -281,12 +281,17 @@ def parts(
     ] = None,
     tolerance: Tolerance = 1e-8,
     limit: Annotated[float, typer.Option("--limit", min=1.0, help="Seconds after which a run is ended.")] = 120.0,
+    peers: Names = None,
     directory: Output = None,
 ) -> None:
-    """Parts with bores and open faces, and blocks: K factorised, by multigrid, and as chosen; one thread.
+    """Parts with K factorised, by multigrid, and as chosen; with --peer others, beside CalculiX and GetFEM.
 
-    `ratio`: processor seconds of the chosen method over those of the faster one.
-    """
+    `ratio`: processor seconds over those of the faster method, or of coulomb."""
+    if peers:
+        from .beside import draw, fields
+
+        draw(table("beside", fields(names, peers, limit), directory), directory)
+        return
     from .petsc_solvers import PETSC
     from .real_parts import METHODS, SCALES, Failure, Row, measure, over_better, parts_in
 
@@ -327,7 +332,6 @@ def peers(
     from .peers import measure
 
     one_of("--problem", problem, ("block", "two-blocks", "second-order"))
-
     rows = measure(sizes or (10,), names, repeats, problem, threads)
     table("peers", _over_ours(rows, lambda row: row.figures._asdict() if row.figures else {}), directory)
 

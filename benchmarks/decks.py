@@ -90,13 +90,17 @@ def _force(forces: Sequence[npt.NDArray[np.float64]]) -> str:
     return " ".join(f"{one:.4g}" for one in np.where(np.abs(total) > 1e-5 * np.abs(total).max(), total, 0.0))
 
 
-def slave_bodies(deck: Path) -> set[int]:
-    """The nodes of the bodies of the slave surfaces.  Where no slave's body is a master of another pair, ccx' forces at
-    them, which are of the stresses inside, add up to the contact force, turned."""
+def slave_bodies(deck: Path, pairs: int | None = None) -> set[int]:
+    """The nodes of the bodies of the slave surfaces, of the first pairs alone if their number is given.
+
+    Where no such body is a master of another pair, ccx' forces at them, which are of the stresses inside, add up to the
+    contact force, turned.
+    """
     geometry = Geometry(str(deck))
     elements = list(geometry.solids.values())
     found: npt.NDArray[np.int64] = np.empty(0, dtype=np.int64)
-    for slave in (words[0] for card in geometry.cards if card.kind == "CONTACTPAIR" for _, words in card.rows()):
+    slaves = [words[0] for card in geometry.cards if card.kind == "CONTACTPAIR" for _, words in card.rows()]
+    for slave in slaves[:pairs]:
         surface = geometry.surfaces.get(key_of(slave))
         for what, _ in [(slave, "")] if surface is None or surface.nodes else surface.lines:
             if surface is None or surface.nodes:

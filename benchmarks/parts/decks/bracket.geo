@@ -1,0 +1,20 @@
+SetFactory("OpenCASCADE");
+// L bracket, mm: base 80x50x8, web 8x50x60, two bolt holes d 9; the floor is one block
+Box(1) = {0,0,0, 80,50,8};
+Box(2) = {0,0,0, 8,50,60};
+BooleanUnion(3) = { Volume{1}; Delete; }{ Volume{2}; Delete; };
+Cylinder(4) = {55,13,-1, 0,0,20, 4.5};
+Cylinder(5) = {55,37,-1, 0,0,20, 4.5};
+BooleanDifference(6) = { Volume{3}; Delete; }{ Volume{4,5}; Delete; };
+Box(7) = {-20,-20,-20, 120,90,20};
+Physical Volume("BODY") = {6};
+Physical Volume("FLOOR") = {7};
+Physical Surface("SOLE") = Surface In BoundingBox {-1,-1,-.1,81,51,.1};
+Physical Surface("BORES") = Surface In BoundingBox {50,8,-.1,60,42,8.1};
+Physical Surface("TIP") = Surface In BoundingBox {-1,-1,59.9,9,51,60.1};
+floor() = Boundary { Volume{7}; };
+Physical Surface("UNDER") = floor(4);
+Physical Surface("GROUND") = floor(5);
+Transfinite Curve{ Boundary{ Surface{floor()}; } } = 2; Transfinite Surface{floor()}; Transfinite Volume{7};
+Mesh.MeshSizeMax = 5; Mesh.MeshSizeMin = 2;
+Transfinite Curve{ Boundary{ Surface{floor()}; } } = 2; Transfinite Surface{floor()}; Transfinite Volume{7};

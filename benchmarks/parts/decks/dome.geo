@@ -1,0 +1,22 @@
+// A quarter of a hemisphere of rubber, radius 10 mm, and the plate of one block that comes up against it
+R = 10; hb = 1.6; hp = .7;
+Point(1) = {0,0,0,hb}; Point(2) = {R,0,0,hb}; Point(3) = {0,R,0,hb}; Point(4) = {0,0,-R,hp};
+Circle(1) = {2,1,3}; Circle(2) = {3,1,4}; Circle(3) = {4,1,2}; Line(4) = {1,2}; Line(5) = {1,3}; Line(6) = {1,4};
+Curve Loop(1) = {1,2,3}; Surface(1) = {1};
+Curve Loop(2) = {4,1,-5}; Plane Surface(2) = {2};
+Curve Loop(3) = {5,2,-6}; Plane Surface(3) = {3};
+Curve Loop(4) = {6,3,-4}; Plane Surface(4) = {4};
+Surface Loop(1) = {1,2,3,4}; Volume(1) = {1};
+Point(11) = {-1,-1,-R}; Point(12) = {15,-1,-R}; Point(13) = {15,15,-R}; Point(14) = {-1,15,-R};
+Line(11) = {11,12}; Line(12) = {12,13}; Line(13) = {13,14}; Line(14) = {14,11};
+Curve Loop(11) = {11,12,13,14}; Plane Surface(11) = {11};
+Transfinite Curve{11:14} = 2; Transfinite Surface{11};
+plate[] = Extrude {0,0,-2} { Surface{11}; Layers{1}; };
+Physical Volume("rubber") = {1};
+Physical Volume("plate") = {plate[1]};
+Physical Surface("skin") = {1};
+Physical Surface("flat") = {2};
+Physical Surface("x0") = {3};
+Physical Surface("y0") = {4};
+Physical Surface("up") = {11};
+Physical Surface("under") = {plate[0]};

@@ -1,0 +1,27 @@
+SetFactory("OpenCASCADE");
+// A quarter of the upper half of a bolted flange, millimetres: flange with pipe, half of a gasket, half of a bolt
+Cylinder(1) = {0,0,1.5, 0,0,14, 60, Pi/2};
+Cylinder(2) = {0,0,15.5, 0,0,40, 28, Pi/2};
+BooleanUnion(3) = { Volume{1}; Delete; }{ Volume{2}; Delete; };
+Cylinder(4) = {0,0,0, 0,0,100, 20};
+x = 44 * Cos(Pi/4);
+Cylinder(5) = {x,x,0, 0,0,30, 7};
+BooleanDifference(10) = { Volume{3}; Delete; }{ Volume{4, 5}; Delete; };
+Cylinder(12) = {0,0,0, 0,0,1.5, 28, Pi/2};
+Cylinder(13) = {0,0,-1, 0,0,4, 20};
+BooleanDifference(14) = { Volume{12}; Delete; }{ Volume{13}; Delete; };
+Cylinder(20) = {x,x,0, 0,0,15.5, 6};
+Cylinder(21) = {x,x,15.5, 0,0,7, 10};
+BooleanUnion(22) = { Volume{20}; Delete; }{ Volume{21}; Delete; };
+Mesh.MeshSizeMax = 5; Mesh.MeshSizeFromCurvature = 16;
+Physical Volume("steel") = {10, 22};
+Physical Volume("gasket") = {14};
+Physical Surface("top") = 2;
+Physical Surface("bottom") = 4;
+Physical Surface("end") = 9;
+Physical Surface("head") = 18;
+Physical Surface("section") = 20;
+Physical Surface("upper") = 11;
+Physical Surface("lower") = 13;
+Physical Surface("x0") = {3, 12};
+Physical Surface("y0") = {5, 14};
