@@ -394,9 +394,9 @@ class Geometry:
             raise ValueError(f"{self.path}: has elements of several kinds: {', '.join(kinds.values())}")
         return next(iter(kinds))
 
-    def elements_of(self, label: int | str) -> IntArray:
-        """Numbers of an element or a set of elements."""
-        return np.array([label]) if isinstance(label, int) else self.element_sets.members(label)
+    def elements_of(self, label: int | IntArray | str) -> IntArray:
+        """Numbers of an element, of several, or of a set of elements."""
+        return self.element_sets.members(label) if isinstance(label, str) else np.atleast_1d(label)
 
     def sides(self, width: int) -> tuple[tuple[int, ...], ...]:
         """Corners of the sides S1, S2, ... of solid elements by their number of nodes; of a `section` ends of edges."""

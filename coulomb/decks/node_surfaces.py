@@ -18,14 +18,14 @@ _OPPOSITE: Final = -0.5
 
 
 def named_sides(
-    deck: Geometry, rows: Mapping[int, IntArray], what: int | str | None, side: str
+    deck: Geometry, rows: Mapping[int, IntArray], what: int | IntArray | str | None, side: str
 ) -> Iterator[tuple[IntArray, list[list[int]]]]:
     """Of the elements that a line of a surface names, of each number of nodes that there is.
 
     Args:
         deck: The geometry.
         rows: Elements as `Geometry.solids` has them.
-        what: The number of one, or a set; None for all.
+        what: The number of one, of several, or a set; None for all.
         side: S1, S2, ...; "" for all sides.
 
     Yields:
@@ -40,7 +40,7 @@ def named_sides(
 
 
 def refuse_other_sides(
-    deck: Geometry, rows: Mapping[int, IntArray], what: int | str, side: str, where: str, kind: str = ""
+    deck: Geometry, rows: Mapping[int, IntArray], what: int | IntArray | str, side: str, where: str, kind: str = ""
 ) -> None:
     """A ValueError, which begins with `where`, if elements that a line of a surface names have no such side."""
     for nodes, table in named_sides(deck, rows, what, side):
@@ -48,7 +48,9 @@ def refuse_other_sides(
             raise ValueError(f"{where}: elements of {nodes.shape[1]} nodes{kind} have no side {side!r}")
 
 
-def corners_of_sides(deck: Geometry, rows: Mapping[int, IntArray], what: int | str | None, side: str) -> IntArray:
+def corners_of_sides(
+    deck: Geometry, rows: Mapping[int, IntArray], what: int | IntArray | str | None, side: str
+) -> IntArray:
     """Places of the corners of these sides among `deck.points`, shape (f, 4), the last one again where there are fewer;
     without a side those that no other element has."""
     found: list[IntArray] = [np.empty((0, 4), dtype=np.int64)]

@@ -202,7 +202,7 @@ Box = tuple[FloatArray, FloatArray]
 
 
 def in_boxes(places: Box, cells: Box) -> tuple[IntArray, IntArray]:
-    """Pairs (place, cell) of boxes around places or edges and around cells that meet, searched by size of the cells."""
+    """Pairs (place, cell) of boxes around places or edges and around cells that meet, searched by size of both."""
     (first, last), (low, high) = ([np.ascontiguousarray(end.T) for end in of] for of in (places, cells))
     mine, theirs = (
         np.flatnonzero(_everywhere((a <= _over(d.max, -np.inf)) & (b >= _over(c.min, np.inf))))
@@ -223,19 +223,23 @@ def in_boxes(places: Box, cells: Box) -> tuple[IntArray, IntArray]:
                 met = (last[axis, i] >= low[axis, j]) & (first[axis, i] <= high[axis, j])
                 i, j = i[met], j[met]
             return mine[i], theirs[j]
-        tree, reach = tree_of(0.5 * (first + last).T), 0.5 * float((last - first).max())
-        around = 0.5 * np.maximum.reduce(high - low)
-        size = np.floor(np.log2(around + 1e-300))
-        for one in np.unique(size):
-            some = np.flatnonzero(size == one)
-            others = tree_of(0.5 * (low + high)[:, some].T)
-            distance = (1.0 + _SAME) * (reach + float(around[some].max()))
+        for (own, reach, tree), (some, around, others) in product(_by_size(first, last, 8.0), _by_size(low, high, 2.0)):
+            distance = (1.0 + _SAME) * (reach + around)
             pairs = tree.sparse_distance_matrix(others, distance, p=np.inf, output_type="ndarray")
-            i, j = pairs["i"].copy(), some[pairs["j"]]
+            i, j = own[pairs["i"]], some[pairs["j"]]
             met = _everywhere((last[:, i] >= low[:, j]) & (first[:, i] <= high[:, j]))
             found.append((mine[i[met]], theirs[j[met]]))
     place, cell = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return place, cell
+
+
+def _by_size(low: FloatArray, high: FloatArray, factor: float) -> list[tuple[IntArray, float, Any]]:
+    """Boxes (3, k) whose sizes differ by no more than a factor: their numbers, the largest half width, the tree of
+    their middles.  For one edge of a large cell all others would otherwise be searched as far around."""
+    half = 0.5 * np.maximum.reduce(high - low)
+    size = np.floor(np.log2(half + 1e-300) / np.log2(factor))
+    parts = [np.flatnonzero(size == one) for one in np.unique(size)]
+    return [(some, float(half[some].max()), tree_of(0.5 * (low + high)[:, some].T)) for some in parts]
 
 
 def _over(end: Callable[..., FloatArray], none: float) -> FloatArray:

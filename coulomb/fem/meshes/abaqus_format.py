@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
@@ -23,6 +24,9 @@ from ...decks.rigid_bodies import add_skins
 from ...decks.sets import NamedSet, Sets
 from .mesh_file import MeshFile, SectionFile, not_empty, solid_nodes
 from .one_kind import READ, of_one_kind
+
+_FREE: Final = ("", "SPOS", "SNEG")
+"""Sides of surface elements, or free ones of solid ones."""
 
 
 def read(path: str, cells: str | None = None) -> MeshFile:
@@ -136,10 +140,12 @@ class _Mesh:
             if around is not None:
                 groups[surface.name] = _by_shape(around[np.all(self._used[around], axis=1)])
             if not surface.nodes:
-                groups[surface.name] = [of for line in surface.lines for of in self._sides(surface.name, *line)]
+                groups[surface.name] = [
+                    of for line in _merged(surface.lines) for of in self._sides(surface.name, *line)
+                ]
         for card in deck.others:
             for name, _, sides in deck.on_sides(card) if card.kind in ("DLOAD", "FILM", "DFLUX") else ():
-                groups[name] = [rows for line in sides for rows in self._sides(name, *line)]
+                groups[name] = [rows for line in _merged(sides) for rows in self._sides(name, *line)]
         return groups
 
     def _on_flats(self, numbers: IntArray) -> list[IntArray]:
@@ -152,14 +158,28 @@ class _Mesh:
                 found.append(self._deck.places(mine))
         return found
 
-    def _sides(self, name: str, what: int | str, side: str) -> list[IntArray]:
+    def _sides(self, name: str, what: IntArray | str, side: str) -> list[IntArray]:
         """Corners of the facets that a line of a surface names."""
-        if side in ("", "SPOS", "SNEG"):
+        if side in _FREE:
             on_flats, side = self._on_flats(self._deck.elements_of(what)), ""
             if on_flats:
                 return on_flats
         refuse_other_sides(self._deck, self._rows, what, side, f"{self._deck.path}: *SURFACE {name}")
         return _by_shape(corners_of_sides(self._deck, self._rows, what, side))
+
+
+def _merged(lines: Sequence[tuple[int | str, str]]) -> list[tuple[IntArray | str, str]]:
+    """Lines of a surface, those of single elements and a side S1, S2, ... together."""
+    numbers: dict[str, list[int]] = {}
+    others: list[tuple[IntArray | str, str]] = []
+    for what, side in lines:
+        if isinstance(what, str):
+            others.append((what, side))
+        elif side in _FREE:
+            others.append((np.array([what]), side))
+        else:
+            numbers.setdefault(side, []).append(what)
+    return [*others, *((np.array(some), side) for side, some in numbers.items())]
 
 
 def _by_shape(facets: IntArray) -> list[IntArray]:
