@@ -142,11 +142,13 @@ def _on_nodes(deck: Geometry, cards: list[Card]) -> Iterator[tuple[int, int, flo
     for card in cards:
         for _, words in card.rows():
             nodes = [int(words[0])] if words[0].isdigit() else deck.node_sets.members(words[0])
+            first = int(words[1]) - 1
             if card.kind == "CLOAD":
-                axes, value = [int(words[1]) - 1], float(words[2])
+                last, value = first + 1, float(words[2])
             else:
-                last = int(words[2]) if len(words) > 2 and words[2] else int(words[1])
-                axes, value = range(int(words[1]) - 1, last), float(words[3]) if len(words) > 3 else 0.0
+                last = int(words[2]) if len(words) > 2 and words[2] else first + 1
+                value = float(words[3]) if len(words) > 3 else 0.0
+            axes = range(first, last)
             yield from ((int(node), axis, value) for node in nodes for axis in axes)
 
 
