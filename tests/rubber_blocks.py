@@ -175,3 +175,60 @@ def bolted_bar(comm=MPI.COMM_WORLD):
     given = {"ties": [bolt], "rigid_faces": ends, "kinematics": "large"}
     problem = coulomb.ContactProblem(coulomb.join(low=low, up=up), NeoHookean(1e6, 0.3), [], far, **given)
     return problem, turned
+
+
+RISING = [(0.0, 0.0), (1.0, 1.0), (2.0, 1.2)]
+
+
+def in_a_jaw(friction=1.0, moved=1.0, young=1.0, pushed=1.0, sprung=1.0, bent=1.0, cells=(2, 2, 1)):
+    """A rubber block on a ball, turned by a jaw that is partly free, on springs and under a moment."""
+    jaw = coulomb.RigidFace(
+        "top",
+        (0.4, 0.5, 0.5),
+        (0.03 * moved, None, -0.06 * moved),
+        (None, None, 0.2 * moved),
+        RISING,
+        translation_stiffness=(0.0, 1e5 * sprung, 0.0),
+        rotation_stiffness=(2e3 * sprung, 1e3 * sprung, 0.0),
+    )
+    moment = tuple(bent * np.array([2e3, -3e3, 1e3]))
+    return coulomb.ContactProblem(
+        coulomb.box((1.0, 1.0, 0.5), cells),
+        NeoHookean(1e6 * young, 0.3),
+        [],
+        coulomb.Contact("bottom", 0.4 * friction, foundation=coulomb.Sphere((0.5, 0.5, -3.0), 2.99)),
+        [
+            coulomb.Pressure("right", 1e4 * pushed, amplitude=RISING),
+            coulomb.PointLoad("top", (1e3 * bent, 1e3 * bent, 0.0), moment, (0.45, 0.5, 0.5), RISING),
+        ],
+        kinematics="large",
+        rigid_faces=[jaw],
+    )
+
+
+def strut(lock=None, friction=1.0, pressed=1.0, lower=1.0, upper=1.0, pushed=1.0, bent=1.0, turned=1.0, sprung=1.0):
+    """A rubber bar of two halves, which a jack between them presses against an oblique wall; it is bent, and turned by
+    its foot."""
+    if lock is None:
+        jack = coulomb.Pretension("upper:bottom", "lower:top", shortening=-0.1 * turned, amplitude=RISING)
+    else:
+        jack = coulomb.Pretension("upper:bottom", "lower:top", force=-3e4 * pressed, amplitude=RISING, lock=lock)
+    foot = coulomb.RigidFace(
+        *("lower:bottom", (0.2, 0.3, 0.0), (0.0, 0.0, 0.0), (None, None, 0.1 * turned), RISING),
+        rotation_stiffness=(1e5 * sprung, 2e5 * sprung, 0.0),
+    )
+    above = coulomb.moved(coulomb.box((0.5, 0.5, 0.6), (2, 1, 1)), (0.0, 0.0, 0.4))
+    moment = 200.0 * bent, 0.0, 300.0 * bent
+    return coulomb.ContactProblem(
+        coulomb.join(lower=coulomb.box((0.5, 0.5, 0.4), (1, 1, 1)), upper=above),
+        {"lower": NeoHookean(1e6 * lower, 0.3), "upper": NeoHookean(2e6 * upper, 0.3)},
+        [],
+        coulomb.Contact("upper:top", 0.2 * friction, foundation=coulomb.Plane((0.0, 0.0, 1.005), (0.2, 0.1, -1.0))),
+        [
+            coulomb.TotalForce("upper:left", (2e3 * pushed, 1e3 * pushed, 0.0), amplitude=RISING),
+            coulomb.PointLoad("upper:right", (0.0, 0.0, 0.0), moment, (0.5, 0.2, 0.7), RISING),
+        ],
+        ties=[jack],
+        rigid_faces=[foot],
+        kinematics="large",
+    )

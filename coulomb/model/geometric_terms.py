@@ -18,6 +18,7 @@ from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
 from ..solvers.rigid_motions import NO_MOTION
 from .discrete_problem import DiscreteProblem
+from .turning_terms import far_loads
 
 _STEP: Final = 1e-6
 """Largest displacement of the differences over the size of the bodies: errors of order 1e-9, and of rounding 1e-10."""
@@ -90,9 +91,13 @@ class GeometricTerms:
 
     Args:
         problem: The linear problem at the answer, whose derivative is P.
+        near: Without those of constraints and of loads that turn with their face (`TurningTerms`).
+
+    Attributes:
+        following: In large motions the forces of constraints on nodes that follow, newtons, shape (k, 3).
     """
 
-    def __init__(self, problem: DiscreteProblem, x: FloatArray, u: FloatArray):
+    def __init__(self, problem: DiscreteProblem, x: FloatArray, u: FloatArray, near: bool = False):
         self._problem, self._x, self._u = problem, x.reshape(-1, 3), u
         self._large, self._over = problem.body.undeformed is not None, Reductions(problem.comm)
         places, v = problem.elasticity.x, np.zeros_like(u) if self._large else u
@@ -100,7 +105,9 @@ class GeometricTerms:
         self._extent = max(self._over.max(axis) - self._over.min(axis) for axis in places.T)
         left = problem.surface.at_nodes(x) - problem.loading.load
         constraints = problem.elasticity.constraints
-        self._following = constraints.lacking(left, problem.time) if self._large and constraints.ties else None
+        turns = self._large and bool(constraints.ties)
+        self.following = constraints.lacking(left, problem.time) if turns else np.zeros_like(u)
+        self._turns, self._near = turns and not near, near
 
     def along(self, way: Way) -> Terms:
         """Along a way, to which they are in proportion; collective."""
@@ -117,11 +124,13 @@ class GeometricTerms:
         h = _STEP * self._extent / size if size > 0.0 else 1.0
         found = self._at(h, way).less(self._at(-h, way), 0.5 / h)
         linear, closed, apart = -found.load, found.c - self.relative(way.alpha), found.apart
-        if self._following is not None:
+        if self._turns:
             linear = linear - body.reduction.on_followed(found.turned)
             apart = apart + body.reduction.left_apart(way.u)
         if self._large:
             linear = linear + body.internal_force(way.u) - body.spring_force(way.u)
+            if self._near:
+                linear += body.constraints.spring_force(way.u) - body.reduction.bent_force(way.u)
             closed = closed + problem.surface.rows(way.u)
         return replace(found, load=linear, apart=apart, c=closed, e=-found.e)
 
@@ -188,9 +197,11 @@ class GeometricTerms:
         body, e = there.elasticity, np.zeros(0 if problem.rigid is None else problem.rigid.count)
         forces = body.internal_force(v) - body.spring_force(v) - there.loading.load + surface.at_nodes(x.ravel())
         apart, turned = np.zeros((2, *forces.shape))
-        if self._following is not None:
-            forces -= body.reduction.on_followed(self._following)
-            along = body.reduction.moved_transposed(self._following)
+        if self._near:
+            forces += far_loads(body, body.x - body.reference)
+        if self._turns:
+            forces -= body.reduction.on_followed(self.following)
+            along = body.reduction.moved_transposed(self.following)
             apart, turned = there.loading.apart + apart, problem.elasticity.reduction.amounts_transposed(along)
         first = 0
         for one in there.state.loaded:

@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.bodies import Elasticity, FormBody, HyperelasticBody
+from ..fem.bodies import Elasticity, FormBody, HyperelasticBody, owed_before, owed_to_motions
 from ..fem.contact import row_products
 from ..linalg.reductions import Reductions
 from ..solvers.derivatives import Change
@@ -28,6 +28,7 @@ from .sensitivity import MOST, NEARLY, refuse, unloaded, with_loading
 from .shape_gradient import contact_along_places
 from .stopping_criterion import directions_on_supports
 from .transposed_terms import TransposedTerms
+from .turning_terms import TurningTerms
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,10 @@ class Gradient:
             nodes.
         young: Of each body of built-in materials by its name, along the logarithm of Young's modulus of every cell of
             this rank, shape (c,); of hyperelastic ones with all their moduli in proportion.
-        pretension: Along the force of each bolt by its face, per newton; 0 if it is locked.
+        pretension: Along the force of each bolt by its face, per newton, or its shortening where that is prescribed,
+            per metre; 0 if it is locked.
+        motions: Along the six components of the motion of each rigid face by its name, per metre and per radian; 0
+            where they are not prescribed.
         border: Number of contact points on the border of two states; here they are closed, and stick where they may,
         loose: and in this one open, and slip; None without any.  Along one direction J has a derivative on one side, by
             the states that these points take along it (`Sensitivity`): with one such point it is one of both.
@@ -60,6 +64,7 @@ class Gradient:
     prescribed: FloatArray
     young: dict[str, FloatArray]
     pretension: dict[str, float]
+    motions: dict[str, FloatArray]
     border: int
     loose: Gradient | None
     before: FloatArray | None
@@ -204,10 +209,6 @@ _TURNED: Final = 0.1
 def refuse_moving(problem: DiscreteProblem, large: bool = False) -> None:
     """ValueError for a problem of which gradients are not known, or not in `large` motions; the same on every rank."""
     refuse(problem)
-    body = problem.elasticity
-    turning = any(one.finite for one in body.constraints.motions) or bool(body.constraints.bolts)
-    if large and problem.body.undeformed is not None and turning:
-        raise ValueError("in large motions gradients are not known with rigid faces and bolts")
     if problem.body.heat is not None:
         raise ValueError("gradients are not known with heat")
     if problem.body.undeformed is not None and not large:
@@ -259,7 +260,8 @@ class _Moving:
     """The geometric terms at an answer of large motions, for their transpose."""
 
     def __init__(self, problem: DiscreteProblem, x: FloatArray, u: FloatArray):
-        terms, still = GeometricTerms(problem, x, u), np.zeros_like(u)
+        terms, still = GeometricTerms(problem, x, u, near=True), np.zeros_like(u)
+        self.turning = TurningTerms(problem.elasticity, terms.following)
         alpha = np.zeros(0 if problem.rigid is None else problem.rigid.count)
         self.by_u = TransposedTerms(problem, x, lambda way: terms.along(Way(way, alpha)))
         self.by_before: TransposedTerms | None = None
@@ -280,13 +282,14 @@ class _Owed(NamedTuple):
 
 
 def _with_terms(
-    solved: Callable[[FloatArray], _Owed], of_u: FloatArray, of_x: FloatArray, terms: TransposedTerms, over: Reductions
+    solved: Callable[[FloatArray], _Owed], of_u: FloatArray, of_x: FloatArray, moving: _Moving, over: Reductions
 ) -> _Owed:
     """With the transposed geometric terms, by the fixed-point iteration of `sensitivity`; collective."""
     point, mixing, left = np.zeros_like(of_u), Anderson(MOST, over), np.inf
     for _ in range(MOST):
         found = solved(of_u + point)
-        change = terms.owed(found.load, found.prescribed, found.contact, of_x) - point
+        change = moving.by_u.owed(found.load, found.prescribed, found.contact, of_x) - point
+        change += moving.turning.owed(found.load)
         size = over.norm(of_u + point + change)
         left = over.norm(change) / size if size > 0.0 else 0.0
         if left <= _SETTLED:
@@ -337,13 +340,15 @@ def _gradient(
         prescribed = body.held.held_part(body.reduction.transferred(reaction)[: len(u)])
         return _Owed(v, problem.moved(v, owed.e), owed, prescribed, reaction, border)
 
-    found = solved(of_u) if moving is None else _with_terms(solved, of_u, of_x, moving.by_u, Reductions(problem.comm))
+    found = solved(of_u) if moving is None else _with_terms(solved, of_u, of_x, moving, Reductions(problem.comm))
     v, owed, start = found.load, found.contact, None
+    motions, bolts = owed_to_motions(body.constraints, found.reaction, v)
     of_law = np.where(problem.law.below_limit(x[0::3]), owed.bound, 0.0)
     if moving is not None:
         before_terms = moving.by_before
-        if before_terms is not None:
+        if before_terms is not None and before is not None:
             start = before_terms.owed(v, found.prescribed, owed, of_x)
+            start += owed_before(body.constraints, problem.time, before.time, found.reaction)
     elif before is not None:  # slip counts from there, and supports that have begun and locked bolts move on from there
         start = body.after_transposed(problem.time, before.time, found.reaction)
         start -= surface.at_nodes(owed.b.reshape(-1, 3) * [0.0, 1.0, 1.0])
@@ -361,7 +366,8 @@ def _gradient(
             for member, part in zip(body.members, problem.loading.parts or [problem.loading], strict=True)
             if isinstance(member.body, Elasticity | HyperelasticBody)
         },
-        pretension={one.face: 0.0 if one.locked else one.shortening for one in body.constraints.bolts_at(v)},
+        pretension=bolts,
+        motions=motions,
         border=found.border,
         loose=None,
         before=start,

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from drawn_block import CYCLE, OVER, TIMES, backwards, drawn, weights
 from mpi4py import MPI
+from rubber_blocks import strut
 
 import coulomb
 
@@ -97,3 +98,45 @@ def test_backwards_they_agree_with_derivatives_forward(make):
                 more, less = bolted(1.01e4), bolted(0.99e4)
                 between = sum(gradient.between(more, less) for _, gradient in found)
                 assert between == pytest.approx(0.02 * value, rel=1e-6)
+
+
+def owed_by_name(answer, gradient):
+    """This rank's part of what the function owes to inputs of a step of large motions."""
+    problem, body, size = answer.problem, answer.problem.elasticity, MPI.COMM_WORLD.size
+    constraints, time, before = body.constraints, problem.time, problem.before
+    rates = np.concatenate([one.body.prescribed_rate(before and before.time) for one in body.members])
+    owed = {"prescribed displacements": np.sum(gradient.prescribed * rates), "pretension": 0.0}
+    for one in constraints.motions:
+        owed["prescribed displacements"] += gradient.motions[one.given.face] @ one.values(time, problem.comm) / size
+    for one in constraints.bolts:
+        kind = "prescribed displacements" if one.given.force is None else "pretension"
+        owed[kind] += gradient.pretension[one.face] * one.given.value(time, problem.comm) / size
+    for number, face in enumerate(problem.surface.faces):
+        owed[f"friction of {face!r}"] = np.sum((gradient.bound * answer.slip_bound)[problem.surface.part == number])
+    for one in body.members:
+        owed[f"young of {one.name!r}"] = gradient.young[one.name].sum()
+    for one in body.loads_in(problem.loading):
+        owed[f"{one.kind.replace('_', ' ')} on {one.face!r}"] = np.sum(gradient.load * one.forces)
+    for one in body.spring_forces(answer.displacement):
+        owed[f"stiffness of the spring on {one.face!r}"] = np.sum(gradient.load * one.forces)
+    return owed
+
+
+@pytest.mark.parametrize("lock", [0.5, None])
+def test_backwards_in_large_motions_with_what_turns(lock):
+    """A rigid foot on springs, a jack that is locked or prescribed, and a moment at a point."""
+    answers, forward, earlier = [], {}, []
+    for step in coulomb.LoadHistory([0.5, 1.0], tolerance=1e-12).steps(strut(lock)):
+        answers.append(step.solution)
+        earlier, (of_x, of_u) = step.solution.sensitivities(earlier), weights(step.solution)
+        for one in earlier:
+            value = OVER.sum(of_x * one.contact_force) + OVER.sum((of_u * one.displacement).ravel())
+            size = OVER.norm(of_x) * OVER.norm(one.contact_force) + OVER.norm(of_u) * OVER.norm(one.displacement)
+            forward[one.name] = np.array([value, size]) + forward.get(one.name, 0.0)
+    owed = dict.fromkeys(forward, 0.0)
+    for answer, gradient in backwards(answers):
+        for name, value in owed_by_name(answer, gradient).items():
+            if name in owed:
+                owed[name] += OVER.comm.allreduce(float(value))
+    assert len(owed) == 8 - (lock is None) and all(owed.values())
+    assert owed == {name: pytest.approx(value, abs=2e-9 * size) for name, (value, size) in forward.items()}

@@ -5,6 +5,7 @@ matrix K, the load f, and the nodal forces of a displacement.  Several bodies ar
 from .body import STRESSES, ElasticBody, cell_measure, varying_signs
 from .compiled_form import compiled
 from .conduction import Conduction, HeatLoad
+from .constraint_transposes import owed_before, owed_to_motions
 from .constraints import (
     HELD_OBLIQUE,
     HeldDirections,
@@ -24,6 +25,7 @@ from .displacement_space import DisplacementSpace, free_earlier_bodies
 from .elasticity import Elasticity, LoadedBody, largest_poisson, locking_by_volume
 from .elimination import AddedSprings
 from .equations import Equation, Equations
+from .finite_motions import FiniteMotion
 from .form_body import BilinearForm, FormBody, FormValues
 from .free_motions import (
     FreeMotion,

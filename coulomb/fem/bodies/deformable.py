@@ -21,6 +21,7 @@ from petsc4py import PETSc
 from ...arrays import FloatArray
 from .. import compat
 from ..meshes import SEPARATOR, NamedMesh, Slice, boundary_facets
+from .constraint_transposes import owed_before
 from .constraints import HeldDirections
 from .displacement_space import DisplacementSpace
 from .elimination import ReducedBodies
@@ -163,7 +164,7 @@ class Deformable(ReducedBodies):
     def after_transposed(self, time: float, start: float, owed: FloatArray) -> FloatArray:
         """What a function owes to the displacements after a load step that ended at `start`, per metre, from what it
         owes to those that are prescribed at a time (`after`), ties included; shapes (k, 3); collective."""
-        of_nodes, found = self.reduction.transferred(owed), self.constraints.after_transposed(time, start, owed)
+        of_nodes, found = self.reduction.transferred(owed), owed_before(self.constraints, time, start, owed)
         for one in self.members:
             found[one.nodes] += one.body.left_transposed(time, start, of_nodes[one.nodes])
         return found
@@ -288,6 +289,10 @@ class SingleBody(DisplacementSpace, Deformable):
             yield there
         finally:
             points[:] = known
+
+    def turning_loads(self) -> Iterator[tuple[npt.NDArray[np.int32], FloatArray, FloatArray]]:
+        """As of `HyperelasticBody`; none by default."""
+        yield from ()
 
     def wrenches(self) -> list[Wrench]:
         """In large motions forces and moments at points that move with faces, at the present place; collective."""

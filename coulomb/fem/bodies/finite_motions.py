@@ -86,9 +86,12 @@ class FiniteMotion(FaceMotion):
         return t
 
     def prescribed_rate(self, x: FloatArray, time: float, comm: MPI.Comm) -> FloatArray:
-        q, t = np.where(self.given.prescribed, self.values(time, comm), 0.0), np.zeros_like(x)
-        t[self.nodes] = moved_at((self._by_changes @ q)[:, None], x[self.nodes] - self.point)[:, :, 0]
+        t = np.zeros_like(x)
+        t[self.nodes] = self.of_components(x) @ np.where(self.given.prescribed, self.values(time, comm), 0.0)
         return t
+
+    def of_components(self, x: FloatArray) -> FloatArray:
+        return moved_at(self._by_changes, x[self.nodes] - self.point)
 
     def moved_by(self, y: FloatArray, time: float, comm: MPI.Comm) -> tuple[FloatArray, FloatArray]:
         return self.point, self.pose
@@ -109,6 +112,12 @@ class FiniteMotion(FaceMotion):
         """The stiffness of its own unknowns by the forces f (k, 3) that its nodes lack, beside wrenches, N/m, shape (r,
         r): along dtheta these are M = J^T sum(r x f), of which dM/dtheta at constant f is the second derivative of f .
         R(theta) (X - c); of the moment of a wrench, which has no potential, the symmetric part; collective."""
+        H, about = self.moment_rates(forces, wrenches, comm), self.motions[3:]
+        bent: FloatArray = about.T @ (0.5 * (H + H.T)) @ about
+        return bent
+
+    def moment_rates(self, forces: FloatArray, wrenches: Sequence[Wrench], comm: MPI.Comm) -> FloatArray:
+        """dM/dtheta of `bent`, newton metres, shape (3, 3); arguments as there; collective."""
         P = comm.allreduce(self.arms.T @ forces[self.nodes], op=MPI.SUM)
         P -= sum((np.outer(one.point - self.place, one.force) for one in wrenches), np.zeros((3, 3)))
         moment = sum((one.moment for one in wrenches), np.zeros(3))
@@ -119,10 +128,7 @@ class FiniteMotion(FaceMotion):
             return turn_by_change(theta).T @ whole
 
         theta, h = self.pose[3:], _DIFFERENCE
-        H = np.column_stack([(moments(theta + h * e) - moments(theta - h * e)) / (2.0 * h) for e in np.eye(3)])
-        about = self.motions[3:]
-        bent: FloatArray = about.T @ (0.5 * (H + H.T)) @ about
-        return bent
+        return np.column_stack([(moments(theta + h * e) - moments(theta - h * e)) / (2.0 * h) for e in np.eye(3)])
 
 
 def turned_section(tie: Tie, x: FloatArray, apart: FloatArray, tied: FloatArray, comm: MPI.Comm) -> Section:

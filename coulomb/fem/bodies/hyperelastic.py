@@ -340,6 +340,25 @@ class HyperelasticBody(NonlinearBody):
                 found.append(Wrench(one.load.face, one.point, force, moment, part.forces))
         return found
 
+    def turning_loads(self) -> Iterator[tuple[npt.NDArray[np.int32], FloatArray, FloatArray]]:
+        """Of loads that turn with their face its nodes (m,), and of their derivative C sum(Z^T z) along displacements z
+        of these nodes the forces C by rotations, newtons per radian, shape (k, 3, 3), and the rotations, 1/m, shape (m,
+        3, 3); collective."""
+        u, time = self.place.u, self.place.loading.time
+        for one in self._turning.values():
+            x, load = self.reference[one.nodes], one.load
+            from_, to, R = nearest_turn(x, x + u[one.nodes], self.comm)
+            a, b = (x - from_) @ R.T, x + u[one.nodes] - to
+            size = self.comm.allreduce(np.sum(a * b) * np.eye(3) - a.T @ b, op=MPI.SUM)
+            factor, forces = evaluate_amplitude(load.amplitude, time, load_title(load)), load.turned(one.units, R)
+            turned = []
+            for axis in np.eye(3):
+                force, moment = (tuple(np.cross(axis, of)) for of in (load.force, load.moment))
+                there = replace(load, force=force, moment=moment).turned(one.units, R)
+                turned.append(np.cross(axis, forces) - there)
+            rotations = np.cross(np.linalg.inv(size)[None], a[:, None, :]).swapaxes(1, 2)
+            yield one.nodes, factor * np.stack(turned, axis=2), rotations
+
     @property
     def follows(self) -> bool:
         return super().follows or bool(self._turning)

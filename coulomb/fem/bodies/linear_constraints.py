@@ -25,7 +25,7 @@ from .finite_motions import turned_section, turned_tie
 from .free_motions import SHORTENS, FreeMotions, OpenedPart, least_energy, openings, together
 from .lasting_supports import End, act_together, acts, limits_of, share_left
 from .loads import Loading, NodalForces
-from .reduction import LONGEST_CHAIN, Reduction
+from .reduction import Reduction
 from .rigid_modes import Wrench, component_modes, null_space
 from .ties import Bolt, FaceMotion, Follower, LinkedNodes, Section, Tie
 
@@ -55,6 +55,7 @@ class Constraints:
         acting: Which of `every` do; () if all act at all times.
         motions: Those of the rigid faces.
         bolts: The sections of bolts.
+        of_faces, of_bolts: Both with where their own unknowns are among all.
         locked: Whether the shortening of each bolt is given, prescribed or locked: it is no unknown then.
         reduction: The map from unknowns to displacements.
         as_made: Those given, with the slaves that they have.
@@ -118,12 +119,12 @@ class Constraints:
     def _own(self, ties: tuple[Tie, ...], places: Sequence[slice]) -> None:
         """Let it have these ties, with their own unknowns at these places."""
         self.ties, owned = ties, [(tie.motion or tie.bolt, own) for tie, own in zip(ties, places, strict=True)]
-        self._of_faces = [(motion, own) for motion, own in owned if isinstance(motion, FaceMotion)]
-        self._of_bolts = [(bolt, own.start) for bolt, own in owned if isinstance(bolt, Section)]
-        self.motions, self.bolts = [one for one, _ in self._of_faces], [one for one, _ in self._of_bolts]
+        self.of_faces = [(motion, own) for motion, own in owned if isinstance(motion, FaceMotion)]
+        self.of_bolts = [(bolt, own.start) for bolt, own in owned if isinstance(bolt, Section)]
+        self.motions, self.bolts = [one for one, _ in self.of_faces], [one for one, _ in self.of_bolts]
 
     def _prescribed(self) -> Reduction:
-        given = [own for (_, own), locked in zip(self._of_bolts, self.locked, strict=True) if locked]
+        given = [own for (_, own), locked in zip(self.of_bolts, self.locked, strict=True) if locked]
         return self._unlocked.prescribing(given) if self.bolts else self._unlocked
 
     def at_time(self, time: float) -> Constraints:
@@ -169,7 +170,7 @@ class Constraints:
         (`FiniteMotion.bent`), from the internal forces less all other forces (k, 3), among which are those of wrenches
         on faces; itself without; collective."""
         forces, stiffness = self.lacking(imbalance, time), np.zeros_like(self.reduction.stiffness)
-        for motion, own in self._of_faces:
+        for motion, own in self.of_faces:
             here = [one for one in wrenches if one.face == motion.given.face]
             others = sum((one.forces for one in here), forces + motion.pull(self._displacement, self.comm))
             stiffness[own, own] = motion.bent(others, here, self.comm)
@@ -179,6 +180,14 @@ class Constraints:
         other._unlocked = self._unlocked.bent(stiffness)
         other.reduction = other._prescribed()
         return other
+
+    @property
+    def before_step(self) -> Constraints:
+        """The same at the place after the load step before; itself where displacements are small."""
+        before, x = self._before, self._before_deformation.x
+        if self._displaced is None or before is None:
+            return self
+        return self.at_place(x + before.displacement, before.displacement)
 
     @property
     def _before_deformation(self) -> Reduction:
@@ -194,7 +203,7 @@ class Constraints:
         """The sections of bolts at displacements u (k, 3), in large motions turned; collective."""
         if self._displaced is None:
             y = self._amounts(u)
-            return [replace(bolt, shortening=float(y[own])) for bolt, own in self._of_bolts]
+            return [replace(bolt, shortening=float(y[own])) for bolt, own in self.of_bolts]
         found, apart, ties = self._before_deformation, self._apart(u), self._those(self.acting)
         x = found.x + u
         each = ((tie, tie.nodes) for tie in ties if tie.bolt is not None)
@@ -233,7 +242,7 @@ class Constraints:
         of them against which nothing has energy, those are taken that change the lengths of bolts, and then those that
         are no motions of components.
         """
-        loose = [of for of, locked in zip(self._of_bolts, self.locked, strict=True) if not locked]
+        loose = [of for of, locked in zip(self.of_bolts, self.locked, strict=True) if not locked]
         bolts, own = [bolt for bolt, _ in loose], [at for _, at in loose]
         firm = [tie for tie in self.ties if tie.bolt not in bolts and tie.prescribed is None]
         if len(firm) == len(self.ties) and self._links is None:
@@ -284,7 +293,7 @@ class Constraints:
         return [tie for one, tie in both if one.begin is not None or one.end is not None]
 
     @property
-    def _begun(self) -> list[tuple[Follower, Tie]]:
+    def begun(self) -> list[tuple[Follower, Tie]]:
         """Those that act and have begun after the start."""
         both = zip(self.given, self.every, self.acting, strict=False)
         return [(one, tie) for one, tie, on in both if on and one.begin is not None]
@@ -299,7 +308,7 @@ class Constraints:
                     f"{one.what}: at time {time:g} it is locked (lock = {one.lock:g}), at a length that only the load "
                     "steps before determine: begin at the time of lock or before"
                 )
-        for given, _ in self._begun:
+        for given, _ in self.begun:
             raise ValueError(
                 f"{given.what}: at time {time:g} it holds nodes where the load steps before have left them "
                 f"(begin = {given.begin:g}): begin at this time or before"
@@ -314,9 +323,9 @@ class Constraints:
         found, time, x = self.reduction, of_bodies.time, self.reduction.x
         before = before or self._before
         offset = self._offset([one.prescribed(x, time, self.comm) for one in self.motions], time)
-        if before is not None and self._begun:
+        if before is not None and self.begun:
             left = found.apart(before.displacement)
-            for one, tie in self._begun:
+            for one, tie in self.begun:
                 offset[tie.nodes] += share_left(one, before.time, time) * left[tie.nodes]
         if self.motions:
             given = (
@@ -327,7 +336,7 @@ class Constraints:
                 motion.refuse_other(found.held.held_part(of_bodies.prescribed - offset), size, self.comm)
         y = np.zeros(found.width)
         kept = self.bolts if before is None else self._sections(before.displacement)
-        for (bolt, own), locked, then in zip(self._of_bolts, self.locked, kept, strict=True):
+        for (bolt, own), locked, then in zip(self.of_bolts, self.locked, kept, strict=True):
             length = bolt.given.value(time, self.comm) if bolt.given.force is None else then.shortening
             y[own] = length if locked else bolt.shortening
         apart = found.followed(offset) + found.moved(y)
@@ -359,31 +368,14 @@ class Constraints:
         equations, along the common factor of all that is prescribed, metres, shape (k, 3); collective."""
         found, y = self.reduction, np.zeros(self.reduction.width)
         offset = self._offset([one.prescribed_rate(found.x, time, self.comm) for one in self.motions], time)
-        for bolt, own in self._of_bolts:
+        for bolt, own in self.of_bolts:
             y[own] = bolt.given.value(time, self.comm) if bolt.given.force is None else 0.0
         return found.followed(offset) + found.moved(y)
-
-    def after_transposed(self, time: float, start: float, owed: FloatArray) -> FloatArray:
-        """What a function owes to the displacements after a load step that ended at `start`, by the lengths of locked
-        bolts and by how far faces are apart where ties have begun, from what it owes to prescribed displacements; per
-        metre, shapes (k, 3); collective."""
-        if not self.ties:
-            return np.zeros_like(owed)
-        found, whole = self.reduction, owed
-        for _ in range(LONGEST_CHAIN):
-            whole = owed + at_nodes_of(found.W, found.followed(whole))
-        along, apart = found.moved_transposed(whole), np.zeros_like(owed)
-        kept = np.zeros(found.width)
-        for (bolt, own), locked in zip(self._of_bolts, self.locked, strict=True):
-            kept[own] = along[own] if locked and bolt.given.force is not None else 0.0
-        for one, tie in self._begun:
-            apart[tie.nodes] += share_left(one, start, time) * found.followed(whole)[tie.nodes]
-        return found.on_followed(found.followed(apart + found.amounts_transposed(kept)))
 
     def _tension(self, time: float) -> FloatArray:
         """The forces of bolts along own unknowns at a time, newtons, shape (width,); collective."""
         forces = np.zeros(self.reduction.width)
-        for bolt, own in self._of_bolts:
+        for bolt, own in self.of_bolts:
             if not bolt.given.fixed(time):
                 forces[own] = bolt.given.value(time, self.comm)
         return forces
@@ -431,7 +423,7 @@ class Constraints:
     def motions_of_faces(self, u: FloatArray, time: float) -> Iterator[tuple[str, FloatArray, FloatArray]]:
         """Of every rigid face its name, reference point (3,) in metres, and motion (6,) at displacements u (k, 3), if
         it has no place of its own: translation of the point in metres, rotation in radians; collective."""
-        for motion, own in self._of_faces:
+        for motion, own in self.of_faces:
             given = motion.prescribed(self.reduction.x, time, self.comm)
             y = self._amounts(u, self.reduction.followed(given))[own]
             yield motion.given.face, *motion.moved_by(y, time, self.comm)

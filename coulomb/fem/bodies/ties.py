@@ -138,6 +138,10 @@ class FaceMotion:
         """N: displacements of its nodes by its free amounts, before deformation at x (k, 3), shape (m, 3, r)."""
         return self.ways.T @ self.ways @ moved_at(self.motions, x[self.nodes] - self.place)
 
+    def of_components(self, x: FloatArray) -> FloatArray:
+        """Displacements of its nodes, of those at x (k, 3), by changes of its six components, shape (m, 3, 6)."""
+        return self.ways.T @ self.ways @ moved_at(self.given_part, x[self.nodes] - self.place)
+
     def moved_by(self, y: FloatArray, time: float, comm: MPI.Comm) -> tuple[FloatArray, FloatArray]:
         """Its point (3,) in metres, and its motion (6,) by amounts y (r,) at a time; collective."""
         return self.place, self.values(time, comm) + self.motions @ y
