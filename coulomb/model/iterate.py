@@ -174,11 +174,12 @@ class Linearised(DiscreteProblem):
     def prescribed(self) -> FloatArray:
         return np.concatenate([nonlinear(one.body).place.prescribed for one in self.elasticity.members])
 
-    def evidence_here(self, x: FloatArray, compliance: FloatArray) -> Evidence:
+    def evidence_here(self, x: FloatArray, compliance: FloatArray, by_lines: bool = True) -> Evidence:
         """The evidence of the nonlinear problem for forces x (3 m,) at the displacement from which it is linearised;
-        `compliance` is the diagonal of A there (m, 3), 0 where it is not known; collective."""
+        `compliance` is the diagonal of A there (m, 3), 0 where it is not known; `by_lines` as of `gather_evidence`;
+        collective."""
         body = self.elasticity
-        e = self._evidence(x, np.zeros_like(body.x), compliance)
+        e = self._evidence(x, np.zeros_like(body.x), compliance, by_lines=by_lines)
         places = [(member.nodes, nonlinear(member.body).place) for member in body.members]
         load = np.concatenate([e.load[nodes] if place.load is None else place.load for nodes, place in places])
         pulled = sum((one.forces for one in body.constraints.spring_forces(self._u)), np.zeros_like(load))
