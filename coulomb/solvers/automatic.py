@@ -23,6 +23,10 @@ answer that the certificate refuses at 1e-4 of the tolerance, on soft springs, i
 0.1 do not always open the contact of a body that just touches, the forces of which are all errors of the path."""
 
 
+_ROUNDING: Final = 1e-10
+"""Residual to which the interior-point method comes in spite of rounding errors of the law; those of successive Tresca
+problems, which it solves too, are not smaller."""
+
 _SETTLED: Final = 1e-6
 """Change of a force in a further Newton step, over the largest on its body, up to which an answer is settled."""
 
@@ -95,7 +99,8 @@ class Automatic(SolverSettings):
             steps, start = result.newton_steps, np.atleast_2d(start)[0]
         one = outcome(lambda: first.solve(problem, start, gradient=gradient, progress=progress))
         one = replace(one, newton_steps=steps + one.newton_steps)
-        if one.status in (Status.CONVERGED, *DECISIVE) or one.residual <= goal.tolerance or not problem.sloped:
+        reached = one.residual <= max(goal.tolerance, _ROUNDING)
+        if reached or one.status in (Status.CONVERGED, *DECISIVE) or not problem.sloped:
             return called(one, first.name)
         other = outcome(lambda: second.solve(problem, start, progress=progress))
         if other.status is Status.CONVERGED:

@@ -1,5 +1,7 @@
 """The interior-point method where friction grows with pressure: its Newton system, its steps, its answers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import dense_compliance, make_block, random_spd, solved_block
@@ -156,6 +158,22 @@ def test_krylov_iterations_stay_bounded_to_the_end():
     assert sum(step.residual > 1e-8 for step in history) < 30
     assert history[-1].theta < 1e-9 * history[0].theta
     assert max(step.krylov for step in history[-8:]) <= 8
+
+
+def test_auto_takes_no_other_method_at_rounding_errors(monkeypatch):
+    """Successive Tresca problems are solved by the same method, and end at the same residual, after minutes."""
+    problem = solved_block(4).problem.friction_problem
+    near = replace(InteriorPoint().solve(problem), status=Status.STAGNATED, residual=4e-11)
+
+    class Ends(InteriorPoint):
+        def solve(self, problem, start=None, *, gradient=None, progress=None):
+            raise NotConverged("at rounding errors", near)
+
+    monkeypatch.setattr("coulomb.solvers.automatic.InteriorPoint", Ends)
+    monkeypatch.setattr(SuccessiveTresca, "solve", None)
+    with pytest.raises(NotConverged) as failure:
+        Automatic(1e-11).solve(problem)
+    assert failure.value.result.residual == 4e-11
 
 
 def test_auto_falls_back(monkeypatch):
