@@ -29,7 +29,7 @@ from .discrete_problem import DiscreteProblem
 from .resultants import resultants
 
 _ROUNDING: Final = 1e-12
-"""Part of the sum of all nodal forces up to which a resultant is zero."""
+"""Part of the sum of all nodal forces up to which a resultant is zero, or of the largest gap, which a gap is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,12 +108,19 @@ def contacts_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
                 **problem.law.at(here).numbers(surface.area[here], tangent_lengths(surface.frames[here]), over),
                 "foundation": _foundation(contact, foundation),
                 **({} if foundation is not None else {"shape": _shape(contact)}),
-                "gap": {"min": over.min(surface.gap[here]), "max": over.max(surface.gap[here])},
-                "given_gap": {"min": over.min(surface.gap_field[here]), "max": over.max(surface.gap_field[here])},
+                "gap": _ends(surface.gap[here], over),
+                "given_gap": _ends(surface.gap_field[here], over),
                 "moves": _moves(contact),
             }
         )
     return found
+
+
+def _ends(values: FloatArray, over: Reductions) -> dict[str, float]:
+    """The smallest and the largest of values (m,); 0 for rounding errors of the other; collective."""
+    ends = np.array([over.min(values), over.max(values)])
+    low, high = np.where(np.abs(ends) < _ROUNDING * np.max(np.abs(ends)), 0.0, ends)
+    return {"min": float(low), "max": float(high)}
 
 
 def _foundation(contact: Contact, foundation: RigidFoundation | None) -> str:

@@ -180,7 +180,8 @@ class _Path:
                 v, last = None, results[-1]
                 if last.status in (Status.CONVERGED, Status.INTERRUPTED) or last.residual <= self.goal.tolerance:
                     break
-                if last.status is Status.STAGNATED and last.residual <= min(_OFF, 0.5 * near):
+                near_answer = last.status is Status.STAGNATED and last.residual <= min(_OFF, 0.5 * near)
+                if near_answer and self._last is not None:
                     near, v = last.residual, self._centred_again(self._last)
         finally:
             if not self._finished:
@@ -231,7 +232,7 @@ class _Path:
         """Newton steps from v until the residual is small enough; an impatient run ends when blocked."""
         steps = _Steps(self, v, patient)
         status = drive(steps, self.goal, self.history, self.settings.max_iterations, self.task.progress)
-        self._last = steps.v
+        self._last = steps.v if steps.inside else None
         if steps.finished is not None:
             return steps.finished
         exact = steps.exact()
@@ -282,9 +283,14 @@ class _Steps:
         self._best, self._least, self._since, self._blocked = math.inf, self._theta, 0, 0
         self._exact: Iterate | None = None
 
+    @property
+    def inside(self) -> bool:
+        """Whether there is room to the bounds, which rounding errors may have taken from a start."""
+        return math.isfinite(self._theta)
+
     def step(self) -> InteriorPointStep | None:
         path, scaled = self._path, self._path.scaled
-        if not math.isfinite(self._theta):  # a start with no room to its bounds, which rounding errors have taken
+        if not self.inside:
             return None
         sigma = path.settings.centring(
             self._length, self._gradient / (self._beta * self._theta) if self._waits else 0.0

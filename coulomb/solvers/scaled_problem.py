@@ -481,7 +481,8 @@ class ScaledProblem:
             t = np.where(above > 0.0, 0.5 * (above + root), 2.0 * target[:, 0] / d / (root - above))
         x_n = self.lower + t
         y = self.smoothed_discs(x_n, q[:, 1:], theta)
-        nu = self.over_constraints(target, self.slack(x_n, y))
+        with np.errstate(divide="ignore"):  # of discs that rounding errors have left no room, from which no path begins
+            nu = self.over_constraints(target, self.slack(x_n, y))
         return x_n, y, nu
 
     def smoothed_discs(self, x_n: FloatArray, q_t: FloatArray, theta: float) -> FloatArray:

@@ -31,7 +31,6 @@ OF_STRUT = {
     [
         (in_a_jaw, OF_JAW),
         (partial(strut, 0.5), {**OF_STRUT, "pretension": "pressed"}),
-        (strut, OF_STRUT),
     ],
 )
 def test_they_are_those_of_central_differences(make, inputs):

@@ -208,7 +208,7 @@ OTHER_CASES = {
     "motion before": (lambda c: c["contact"]["motion"][0].__setitem__(1, 1e-6), [1, 2, 3]),  # energies add up
     "no motion": (lambda c: c["contact"].pop("motion"), [1, 2, 3]),
     "amplitude of a load": (lambda c: c["traction"][0]["amplitude"][0].__setitem__(1, 1.001), [1, 2, 3]),
-    "amplitude of a clamp": (lambda c: c["clamp"][0]["amplitude"][2].__setitem__(1, 1.001), [2, 3]),
+    "amplitude of a clamp": (lambda c: c["clamp"][0]["amplitude"][2].__setitem__(1, 1.001), [1, 2, 3]),
     "friction": (lambda c: c["contact"].update(friction=0.4000004), [1, 2, 3]),
 }
 
