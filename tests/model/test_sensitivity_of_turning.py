@@ -3,9 +3,14 @@ differences of answers."""
 
 from functools import partial
 
+import numpy as np
 import pytest
 from answer_differences import differs
+from drawn_block import OVER, backwards, weights
 from rubber_blocks import in_a_jaw, strut
+from test_parallel_gradients import owed_by_name
+
+import coulomb
 
 OF_JAW = {
     "friction of 'bottom'": "friction",
@@ -38,3 +43,22 @@ def test_they_are_those_of_central_differences(make, inputs):
     second step."""
     worst = differs(make, inputs, (0.5, 1.0), h=5e-5)
     assert max(worst.values()) < 1e-6, worst
+
+
+def test_backwards_in_large_motions_with_what_turns():
+    """A rigid foot on springs, a jack that is locked, and a moment at a point."""
+    answers, forward, earlier = [], {}, []
+    for step in coulomb.LoadHistory([0.5, 1.0], tolerance=1e-12).steps(strut(0.5)):
+        answers.append(step.solution)
+        earlier, (of_x, of_u) = step.solution.sensitivities(earlier), weights(step.solution)
+        for one in earlier:
+            value = OVER.sum(of_x * one.contact_force) + OVER.sum((of_u * one.displacement).ravel())
+            size = OVER.norm(of_x) * OVER.norm(one.contact_force) + OVER.norm(of_u) * OVER.norm(one.displacement)
+            forward[one.name] = np.array([value, size]) + forward.get(one.name, 0.0)
+    owed = dict.fromkeys(forward, 0.0)
+    for answer, gradient in backwards(answers):
+        for name, value in owed_by_name(answer, gradient).items():
+            if name in owed:
+                owed[name] += OVER.comm.allreduce(float(value))
+    assert len(owed) == 8 and all(owed.values())
+    assert owed == {name: pytest.approx(value, abs=2e-9 * size) for name, (value, size) in forward.items()}
