@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
@@ -45,5 +46,5 @@ def measure(sizes: Iterable[int]) -> Iterator[Row]:
         answer.gradient(displacement=corner)
         clock.append(time.process_time())
         unknowns, method = answer.problem.unknowns, answer.problem.linear.methods["stiffness"]
-        solve, forward, adjoint = np.diff(clock).tolist()
+        solve, forward, adjoint = (after - before for before, after in itertools.pairwise(clock))
         yield Row(p, unknowns["displacement"], unknowns["contact"], method, solve, len(found), forward, adjoint)
