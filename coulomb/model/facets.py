@@ -114,7 +114,13 @@ def missed(
         np.concatenate(comm.allgather(of)) for of in (answer.part, answer.x, left, answer.chord[:, 0], pressing)
     )
 
-    def depths() -> FloatArray:
+    def spreads() -> FloatArray:
+        each = zip(faces, foundations, strict=False)
+        return np.array(
+            [0.0 if of is None else np.max(face.spread(of.signed_distance), initial=0.0) for face, of in each]
+        )
+
+    def depths(spread: FloatArray) -> FloatArray:
         found = np.zeros(len(foundations))
         for k, (face, of) in enumerate(zip(faces, foundations, strict=False)):
             at = parts == k
@@ -124,14 +130,14 @@ def missed(
                 if of is None:
                     chord = chords[at][node].min(axis=1, initial=np.inf)
                 else:
-                    spread = np.max(face.spread(of.signed_distance)[here], initial=0.0)
-                    chord = np.minimum(face.bend(of.signed_distance)[here], spread)
+                    chord = np.minimum(face.bend(of.signed_distance)[here], spread[k])
                 depth = np.max(chord - gaps[at][node].mean(axis=1), initial=0.0)
                 found[k] = depth if depth > NOISE * np.max(np.ptp(x[at], axis=0)) else 0.0
         return found
 
     try:
-        found = on_all_ranks(depths, "contact: foundation", comm)
+        most = Reductions(comm).largest(on_all_ranks(spreads, "contact: foundation", comm))
+        found = on_all_ranks(lambda: depths(most), "contact: foundation", comm)
     except ValueError:
         return np.full(len(foundations), math.nan)
     return Reductions(comm).largest(found)
