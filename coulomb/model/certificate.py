@@ -352,7 +352,7 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
     remaining = np.column_stack([left_open, -e.relative_displacement[:, 1:]])  # A x - b
     mean = f"; means around {'contact points' if e.actions is not None else 'vertices'}" if e.averaged else ""
     held_in = over.max(-e.held_gap)
-    deepest = worst(over.max(-left_open), held_in, 1e-12 * over.max(length))  # below it is a rounding error
+    deepest = worst(over.max(-left_open), held_in, 1e-12 * over.max(length), 0.0)  # below: rounding errors
     if deepest == held_in > 0.0:
         mean = ", at a node that supports hold, or that faces away"
     left = scales.norms(lengths(e.held.free_part(imbalance)), over) / np.where(scales.nodals > 0.0, scales.nodals, 1.0)
