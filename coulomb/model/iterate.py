@@ -223,7 +223,7 @@ class Linearised(DiscreteProblem):
 
     def stability(self, x: FloatArray) -> Stability | None:
         """By the inertia of the tangent at this place; None if there are too many unknowns."""
-        return stability(self.turning(self.bent(x), x), self.surface.free_B, x)
+        return stability(self.turning(self.bent(x), x), self.surface.free_B, x, self.law.frictional)
 
     def _evidence(
         self,

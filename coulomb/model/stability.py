@@ -41,7 +41,8 @@ class Stability:
     """In how many directions an equilibrium is unstable.
 
     Attributes:
-        unstable: With every contact point that presses held along n, t1 and t2: more than any friction does.
+        unstable: With contact points that press held along n, and along t1 and t2 where they have friction: more than
+            any coefficient above 0 does.
         by_friction: With normals held alone, if the first is 0: stable as long as friction holds.
         mode: The direction of the lowest energy if it is unstable, largest displacement 1, shape (k, 3); else 0.
     """
@@ -51,27 +52,30 @@ class Stability:
     mode: FloatArray
 
 
-def stability(body: Deformable, B: PETSc.Mat, x: FloatArray) -> Stability | None:
-    """Of a linearised body with contact rows B (3 m rows, by the unknowns of K) and contact forces x (3 m,) in newtons;
-    None above `_SIZE` unknowns; collective."""
+def stability(body: Deformable, B: PETSc.Mat, x: FloatArray, frictional: npt.NDArray[np.bool_]) -> Stability | None:
+    """Of a linearised body with contact rows B (3 m rows, by the unknowns of K) and contact forces x (3 m,) in newtons,
+    at points that have friction or not (m,); None above `_SIZE` unknowns; collective."""
     none, over = np.zeros_like(body.x), Reductions(body.comm)
     if body.K.getSize()[0] > _SIZE:
         return None
     pressing = x[0::3] > _PRESSING * max(over.max(x[0::3]), 0.0)
-    smooth, _ = _negative(body, _held(body.K, B, pressing, normal=True))
+    smooth, mode = _negative(body, _held(body.K, B, pressing, np.zeros_like(pressing)))
     if smooth == 0:
         return Stability(0, 0, none)
-    count, mode = _negative(body, _held(body.K, B, pressing, normal=False))
+    if over.all(not np.any(pressing & frictional)):
+        return Stability(smooth, 0, mode)
+    count, mode = _negative(body, _held(body.K, B, pressing, frictional))
     return Stability(0, smooth, none) if count == 0 else Stability(count, 0, mode)
 
 
-def _held(K: PETSc.Mat, B: PETSc.Mat, pressing: npt.NDArray[np.bool_], normal: bool) -> PETSc.Mat:
-    """K with a spring at each row of B that presses: at those along normals, or at all; collective."""
+def _held(K: PETSc.Mat, B: PETSc.Mat, pressing: npt.NDArray[np.bool_], tangents: npt.NDArray[np.bool_]) -> PETSc.Mat:
+    """K with a spring at each row of B that presses: at those along normals, and along the tangents of points that have
+    them held (m,); collective."""
     starts, columns, values = B.getValuesCSR()
     squares = PETSc.Mat().createAIJ(B.getSizes(), csr=(starts, columns, values**2), comm=B.comm)
     diagonal, rows, scale = K.getDiagonal(), B.copy(), B.createVecLeft()
     squares.mult(diagonal, scale)  # of each row's own nodes: soft and stiff bodies may stand beside each other
-    held_rows = (pressing[:, None] * ([1.0, 0.0, 0.0] if normal else [1.0, 1.0, 1.0])).ravel()
+    held_rows = (pressing[:, None] & np.stack([np.ones_like(tangents), tangents, tangents], axis=1)).ravel()
     scale.array[:] = np.sqrt(_STIFF * np.abs(scale.array_r)) * held_rows
     for one in (squares, diagonal):
         one.destroy()

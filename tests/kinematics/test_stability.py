@@ -7,7 +7,7 @@ import coulomb
 from coulomb.kinematics import NeoHookean, StVenantKirchhoff
 
 
-def column(**settings):
+def column(friction=0.5, **settings):
     """Clamped below, pressed by a rough plate by 1 % of its length in 1 s."""
     return coulomb.ContactProblem(
         coulomb.box((0.1, 0.1, 1.0), (1, 1, 6), degree=2),
@@ -15,7 +15,7 @@ def column(**settings):
         [coulomb.Clamp("bottom")],
         coulomb.Contact(
             "top",
-            friction=0.5,
+            friction=friction,
             foundation=coulomb.Plane((0.0, 0.0, 1.0), (0.0, 0.0, -1.0)),
             motion=lambda time: (0.0, 0.0, -0.01 * time),
         ),
@@ -44,6 +44,16 @@ def test_a_column_is_stable_up_to_eulers_loads():
     assert sideways.max() == pytest.approx(1.0, rel=1e-6) and sideways[middle].min() > 0.95
     slope = np.pi * 0.05 * np.sqrt(2.0)  # of (1 - cos 2 pi z) / 2, at an edge of the column where it bends to a corner
     assert np.abs(mode[:, 2]).max() < slope and sideways[np.isclose(place[:, 2], 1.0)].max() < 1e-3
+
+
+def test_without_friction_nothing_holds_a_column_beyond_eulers_load():
+    """A rough plate holds its top aside, a smooth one does not."""
+    steps = coulomb.LoadHistory([0.88 * EULER, 1.12 * EULER]).steps(column(friction=0.0))
+    below, beyond = (step.solution for step in steps)
+    assert below.valid and below.small_strain.unstable == 0
+    assert not beyond.valid and beyond.certificate.passed and beyond.small_strain.unstable == 2
+    mode, top = beyond.stability.mode, np.isclose(beyond.problem.elasticity.x[:, 2], 1.0, atol=0.05)
+    assert np.linalg.norm(mode[top, :2], axis=1).min() > 0.99  # it sways
 
 
 def test_what_is_stable_without_contact_is_not_looked_at_again():
