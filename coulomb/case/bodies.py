@@ -7,9 +7,11 @@ import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
 from pydantic import AfterValidator, Discriminator, Field, PrivateAttr, Tag, model_validator
+
+import coulomb
 
 from ..fem import mesh_formats
 from .curves import in_radians
@@ -21,8 +23,6 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
     from ..fem.bodies import AnyMaterial
-    from ..fem.geometry import Rotation
-    from ..fem.meshes import NamedMesh
 
 
 CellsValue = Annotated[
@@ -115,13 +115,12 @@ class MeshTable(Table):
 
         return self.degree or (2 if poisson > LOCKING_ABOVE and self.cell == "tetrahedron" else 1)
 
-    def mesh(self, comm: MPI.Comm, poisson: float = 0.0) -> NamedMesh:
+    def mesh(self, comm: MPI.Comm, poisson: float = 0.0) -> coulomb.NamedMesh:
         """What the table describes, for a material with this Poisson's ratio: tetrahedra of first order that would lock
         are made second order, unless `degree` says otherwise; ValueError on every rank, if the file cannot be read or
         used."""
-        from ..fem import meshes
         from ..fem.bodies import LOCKING_ABOVE
-        from ..fem.meshes import box, read_mesh, read_xdmf, second_order
+        from ..fem.meshes import read_xdmf
 
         table = "[[body]]" if isinstance(self, BodyTable) else "[mesh]"
         words = (
@@ -132,24 +131,15 @@ class MeshTable(Table):
             assert self.box is not None and isinstance(self.cells, tuple)
             degree = self.order_of_box(poisson)
             self._raised = words if degree == 2 and self.degree is None else ""
-            return box(self.box, self.cells, self.cell, comm, degree=degree)
+            return coulomb.box(self.box, self.cells, self.cell, comm, degree=degree)
         chosen = self.cells if isinstance(self.cells, str) else None
         if self.slice is not None:
-            of = self.slice, self.thickness, self.degree
-            return meshes.slice(
-                self.file,
-                *of,
-                scale=self.scale,
-                comm=comm,
-                cuts=self.cut,
-                only=chosen,
-                names=self.names,
-                cell_names=self.cell_names,
-            )
+            how: dict[str, Any] = {"cuts": self.cut, "only": chosen, "names": self.names, "cell_names": self.cell_names}
+            return coulomb.slice(self.file, self.slice, self.thickness, self.degree, scale=self.scale, comm=comm, **how)
         if self.facets is not None or self.cell_groups is not None:
             read = read_xdmf(self.file, self.facets, self.cell_groups, self.names, self.cell_names, self.scale, comm)
         else:
-            read = read_mesh(self.file, self.names, self.cell_names, self.scale, comm, self.cut, chosen)
+            read = coulomb.read_mesh(self.file, self.names, self.cell_names, self.scale, comm, self.cut, chosen)
         if self.degree == 1 and read.degree == 2:
             raise ValueError(
                 f"{self._of}degree = 1, but {self.file} has second-order cells: leave degree out, or export "
@@ -157,7 +147,7 @@ class MeshTable(Table):
             )
         lock = self.degree is None and read.degree == 1 and read.tetrahedra and poisson > LOCKING_ABOVE
         self._raised = words if lock else ""
-        return second_order(read) if lock or (self.degree == 2 and read.degree == 1) else read
+        return coulomb.second_order(read) if lock or (self.degree == 2 and read.degree == 1) else read
 
 
 def _identifier(name: str) -> str:
@@ -180,10 +170,8 @@ class RotateTable(Table):
 
     _in_radians = model_validator(mode="before")(in_radians)
 
-    def rotation(self) -> Rotation:
-        from ..fem.geometry import Rotation
-
-        return Rotation(self.point, self.axis, self.angle)
+    def rotation(self) -> coulomb.Rotation:
+        return coulomb.Rotation(self.point, self.axis, self.angle)
 
 
 class BodyTable(MeshTable):
@@ -207,17 +195,15 @@ class BodyTable(MeshTable):
         refuse_groups(self.material, self.box is not None, "[body.material]")
         return self
 
-    def mesh(self, comm: MPI.Comm, poisson: float = 0.0) -> NamedMesh:
+    def mesh(self, comm: MPI.Comm, poisson: float = 0.0) -> coulomb.NamedMesh:
         """The mesh of the body at its place."""
-        from ..fem.meshes import moved
-
         try:
             mesh = super().mesh(comm, poisson)
         except ValueError as error:
             raise ValueError(f"body {self.name!r}: {error}") from None
         if self.rotate is None and not any(self.translate):
             return mesh
-        return moved(mesh, self.translate, None if self.rotate is None else self.rotate.rotation())
+        return coulomb.moved(mesh, self.translate, None if self.rotate is None else self.rotate.rotation())
 
     def materials(self) -> dict[str, AnyMaterial]:
         """Its materials, by the names of the body or of its groups of cells, as in "lower:steel"."""

@@ -11,6 +11,8 @@ import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
+import coulomb
+
 from ..model.times import refuse_missed
 from ..ranks import launched, on_rank_0
 from ..units import use
@@ -60,11 +62,9 @@ if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validat
     from mpi4py import MPI
 
     from ..decks.tables import Translation
-    from ..fem.bodies import AnyMaterial, Load, Spring, Support, Temperatures, ThermalLoad
+    from ..fem.bodies import AnyMaterial, Load, Support, Temperatures, ThermalLoad
     from ..fem.contact import FoundPair, FoundPairs
-    from ..fem.meshes import JoinedMesh, NamedMesh
-    from ..model.load_history import LoadHistory
-    from ..model.problem import ContactProblem
+    from ..fem.meshes import JoinedMesh
     from ..solvers.friction_problem import Solver
 
 
@@ -160,12 +160,11 @@ class Case(Table):
         """Names of the faces that auto_contact has made, of a case that is `resolved`."""
         return () if self._found is None else self._found.made
 
-    def problem(self, comm: MPI.Comm | None = None) -> ContactProblem:
+    def problem(self, comm: MPI.Comm | None = None) -> coulomb.ContactProblem:
         """Mesh and problem on these ranks, by default all; ValueError on every rank, if the parts are inconsistent."""
         from mpi4py import MPI
 
         from ..linalg.compliance import DirectSolver, IterativeSolver
-        from ..model.problem import ContactProblem
 
         comm = comm or MPI.COMM_WORLD
         if self.auto_contact is not None and self._found is None:
@@ -175,7 +174,7 @@ class Case(Table):
         condensed = self.solver.newton == "condensed"
         clamps, loads, springs = self._supports_and_loads
         thermal = self._thermal
-        problem = ContactProblem(
+        problem = coulomb.ContactProblem(
             self._mesh(comm),
             self.materials(),
             clamps,
@@ -218,7 +217,7 @@ class Case(Table):
                 raise ValueError(f"{key}: there is no contact node in its box {list(region.box)}")
         return problem
 
-    def _mesh(self, comm: MPI.Comm) -> NamedMesh | JoinedMesh:
+    def _mesh(self, comm: MPI.Comm) -> coulomb.NamedMesh | JoinedMesh:
         """With the faces that auto_contact makes."""
         if self.auto_contact is None:
             return self._given_mesh(comm)
@@ -227,7 +226,7 @@ class Case(Table):
             found = self.auto_contact.pairs_on(self._given_mesh(comm))
         return found.mesh
 
-    def _given_mesh(self, comm: MPI.Comm) -> NamedMesh | JoinedMesh:
+    def _given_mesh(self, comm: MPI.Comm) -> coulomb.NamedMesh | JoinedMesh:
         from ..fem.meshes import JoinedMesh
 
         meshes = {name: table.mesh(comm, self.poisson(name)) for name, table in self.meshes.items()}
@@ -262,7 +261,7 @@ class Case(Table):
         return self.temperature.of_bodies(thermal.temperature, [one.name for one in self.body])
 
     @property
-    def _supports_and_loads(self) -> tuple[list[Support], list[Load], list[Spring]]:
+    def _supports_and_loads(self) -> tuple[list[Support], list[Load], list[coulomb.Spring]]:
         tables = self._on_faces.values()
         supports: list[Support] = [t.support() for t in tables if isinstance(t, SupportTable)]
         return supports, [t.load() for t in tables if isinstance(t, LoadTable)], [t.spring() for t in self.spring]
@@ -438,11 +437,9 @@ class Case(Table):
                     found[f"{key}.{name}".removeprefix(".")] = table, rows
         return found
 
-    def load_history(self) -> LoadHistory:
-        from ..model.load_history import LoadHistory
-
+    def load_history(self) -> coulomb.LoadHistory:
         assert self.history is not None
-        return LoadHistory(
+        return coulomb.LoadHistory(
             self.history.ends,
             tolerance=self.solver.tolerance,
             solver=self.contact_solver(),

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
+import coulomb
+
 from ..arrays import FloatArray
 from .curves import AmplitudeTable, MotionTable, amplitude_of, in_radians, motion_of, rows_of
 from .files import as_toml
@@ -40,9 +42,8 @@ from .values import (
 
 if TYPE_CHECKING:
     from ..fem.contact import FoundPair, FoundPairs
-    from ..fem.geometry import Coefficient, Rotation
-    from ..fem.meshes import JoinedMesh, NamedMesh
-    from ..model.contact import Contact, PressureFriction, SlipRateFriction, ThermalContact
+    from ..fem.geometry import Coefficient
+    from ..fem.meshes import JoinedMesh
 
 
 LAW_KEYS = ("friction", "slip_stress", "cohesion", "friction_limit")
@@ -85,10 +86,8 @@ class PressureTable(Table):
         self.friction()  # for its own errors
         return self
 
-    def friction(self) -> PressureFriction:
-        from ..model.contact import PressureFriction
-
-        return PressureFriction(self.pressure, self.coefficient)
+    def friction(self) -> coulomb.PressureFriction:
+        return coulomb.PressureFriction(self.pressure, self.coefficient)
 
 
 BY_SLIP_RATE, BY_PRESSURE = "by slip rate", "by pressure"
@@ -144,10 +143,8 @@ class RotationTable(Table):
 
     _in_radians = model_validator(mode="before")(in_radians)
 
-    def rotation(self) -> Rotation:
-        from ..fem.geometry import Rotation
-
-        return Rotation(self.point, self.axis, amplitude_of(self.angle))
+    def rotation(self) -> coulomb.Rotation:
+        return coulomb.Rotation(self.point, self.axis, amplitude_of(self.angle))
 
 
 class ThermalContactTable(Table):
@@ -161,10 +158,8 @@ class ThermalContactTable(Table):
     temperature: Number | None = None
     share: Annotated[float, Field(ge=0.0, le=1.0, strict=True)] = 0.5
 
-    def thermal(self) -> ThermalContact:
-        from ..model.contact import ThermalContact
-
-        return ThermalContact(
+    def thermal(self) -> coulomb.ThermalContact:
+        return coulomb.ThermalContact(
             *(self.conductance, self.factor, self.hardness, self.exponent, self.temperature, self.share)
         )
 
@@ -292,10 +287,8 @@ class ContactTable(Table):
         given = self.model_dump(mode="json", exclude_unset=True)
         return as_toml({"contact": [given]})
 
-    def contact(self) -> Contact:
-        from ..model.contact import Contact
-
-        return Contact(
+    def contact(self) -> coulomb.Contact:
+        return coulomb.Contact(
             self.face,
             self._friction(),
             self._coefficient("slip_stress"),
@@ -322,17 +315,17 @@ class ContactTable(Table):
             force_amplitude=amplitude_of(self.force_amplitude),
         )
 
-    def _friction(self) -> Coefficient | tuple[Coefficient, Coefficient] | SlipRateFriction | PressureFriction | None:
+    def _friction(
+        self,
+    ) -> Coefficient | tuple[Coefficient, Coefficient] | coulomb.SlipRateFriction | coulomb.PressureFriction | None:
         """One coefficient, or two with a direction; by slip rate if the contact or a region has such a table."""
-        from ..model.contact import SlipRateFriction
-
         if isinstance(self.friction, PressureTable):
             return self.friction.friction()
         if self.direction is not None:
             along, across = self._by_parts(_pair)
             return along, across
         if any(isinstance(part.friction, SlipRateTable) for part in self._parts):
-            return SlipRateFriction(*self._by_parts(_decaying))
+            return coulomb.SlipRateFriction(*self._by_parts(_decaying))
         return self._coefficient("friction")
 
     def _by_parts(self, numbers: Callable[[FrictionValue], tuple[float | str, ...]]) -> list[Coefficient]:
@@ -443,12 +436,10 @@ class AutoContactTable(Table):
     smooth: bool = False
     pair: Annotated[tuple[AutoPairTable, ...], Field(max_length=TABLES)] = ()
 
-    def pairs_on(self, mesh: NamedMesh | JoinedMesh) -> FoundPairs:
+    def pairs_on(self, mesh: coulomb.NamedMesh | JoinedMesh) -> FoundPairs:
         """The pairs found; ValueError on every rank if there is none; collective."""
-        from ..fem.contact import auto_pairs
-
         try:
-            return auto_pairs(mesh, self.distance)
+            return coulomb.auto_pairs(mesh, self.distance)
         except ValueError as error:
             raise ValueError(str(error).replace("auto_pairs", "auto_contact", 1)) from None
 

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, model_validator
 
+import coulomb
+
 from .curves import AmplitudeTable, amplitude_of, in_radians
 from .foundations import FoundationTable, surface_of
 from .values import (
@@ -25,20 +27,8 @@ from .values import (
 )
 
 if TYPE_CHECKING:
-    from ..fem.bodies import (
-        HeatLoad,
-        NodalForce,
-        PointLoad,
-        PrescribedDisplacement,
-        PrescribedRotation,
-        Pressure,
-        Spring,
-        SymmetryPlane,
-        TotalForce,
-        Traction,
-        VolumeForce,
-    )
-    from ..fem.meshes import JoinedMesh, NamedMesh
+    from ..fem.bodies import NodalForce, VolumeForce
+    from ..fem.meshes import JoinedMesh
 
 
 Components = Literal["x", "y", "z", "xy", "xz", "yz", "xyz", "normal", "tangential"]
@@ -75,6 +65,11 @@ class LastingTable(Table):
     end: Number | None = None
     reaches: Number | None = None
 
+    @property
+    def lasting(self) -> dict[str, Any]:
+        """As arguments of what it is in the problem."""
+        return {"begin": self.begin, "end": self.end, "reaches": self.reaches}
+
     @model_validator(mode="after")
     def _in_order(self) -> LastingTable:
         if self.reaches is not None and (self.begin is None or self.reaches < self.begin):
@@ -103,15 +98,11 @@ class PrescribedDisplacementTable(PlacedTable, LastingTable):
             raise ValueError('surface goes with components = "normal" or "tangential"')
         return self
 
-    def support(self) -> PrescribedDisplacement:
-        from ..fem.bodies import PrescribedDisplacement
-
-        return PrescribedDisplacement(
+    def support(self) -> coulomb.PrescribedDisplacement:
+        return coulomb.PrescribedDisplacement(
             *(self.face, field(self.value), self.components, amplitude_of(self.amplitude)),
             *(None if self.direction is None else field(self.direction), surface_of(self.surface)),
-            begin=self.begin,
-            end=self.end,
-            reaches=self.reaches,
+            **self.lasting,
         )
 
 
@@ -120,17 +111,13 @@ class ClampTable(PrescribedDisplacementTable):
 
     value: SpatialVector = (0.0, 0.0, 0.0)
 
-    def support(self) -> PrescribedDisplacement:
-        from ..fem.bodies import Clamp
-
+    def support(self) -> coulomb.PrescribedDisplacement:
         if any(self.value) or self.amplitude:
             return super().support()
         direction = None if self.direction is None else field(self.direction)
-        return Clamp(
+        return coulomb.Clamp(
             *(self.face, self.components, direction, surface_of(self.surface)),
-            begin=self.begin,
-            end=self.end,
-            reaches=self.reaches,
+            **self.lasting,
         )
 
 
@@ -147,10 +134,8 @@ class PrescribedRotationTable(Table):
 
     _in_radians = model_validator(mode="before")(in_radians)
 
-    def support(self) -> PrescribedRotation:
-        from ..fem.bodies import PrescribedRotation
-
-        return PrescribedRotation(
+    def support(self) -> coulomb.PrescribedRotation:
+        return coulomb.PrescribedRotation(
             self.face, self.point, self.axis, self.angle, amplitude_of(self.amplitude), self.axial
         )
 
@@ -160,10 +145,8 @@ class SymmetryTable(LastingTable):
 
     face: Name
 
-    def support(self) -> SymmetryPlane:
-        from ..fem.bodies import SymmetryPlane
-
-        return SymmetryPlane(self.face, begin=self.begin, end=self.end, reaches=self.reaches)
+    def support(self) -> coulomb.SymmetryPlane:
+        return coulomb.SymmetryPlane(self.face, **self.lasting)
 
 
 SupportTable = PrescribedDisplacementTable | PrescribedRotationTable | SymmetryTable
@@ -178,10 +161,8 @@ class SpringTable(PlacedTable):
 
     stiffness: Annotated[tuple[Stiffness, Stiffness, Stiffness], BeforeValidator(_along_axes)]
 
-    def spring(self) -> Spring:
-        from ..fem.bodies import Spring
-
-        return Spring(self.face, self.stiffness, at_nodes=self.nodes is not None)
+    def spring(self) -> coulomb.Spring:
+        return coulomb.Spring(self.face, self.stiffness, at_nodes=self.nodes is not None)
 
 
 class TractionTable(Table):
@@ -191,10 +172,8 @@ class TractionTable(Table):
     value: SpatialVector
     amplitude: AmplitudeTable | None = None
 
-    def load(self) -> Traction:
-        from ..fem.bodies import Traction
-
-        return Traction(self.face, field(self.value), amplitude_of(self.amplitude))
+    def load(self) -> coulomb.Traction:
+        return coulomb.Traction(self.face, field(self.value), amplitude_of(self.amplitude))
 
 
 class PressureTable(Table):
@@ -204,10 +183,8 @@ class PressureTable(Table):
     value: SpatialNumber
     amplitude: AmplitudeTable | None = None
 
-    def load(self) -> Pressure:
-        from ..fem.bodies import Pressure
-
-        return Pressure(self.face, coefficient(self.value), amplitude_of(self.amplitude))
+    def load(self) -> coulomb.Pressure:
+        return coulomb.Pressure(self.face, coefficient(self.value), amplitude_of(self.amplitude))
 
 
 class TotalForceTable(Table):
@@ -217,10 +194,8 @@ class TotalForceTable(Table):
     force: Vector
     amplitude: AmplitudeTable | None = None
 
-    def load(self) -> TotalForce:
-        from ..fem.bodies import TotalForce
-
-        return TotalForce(self.face, self.force, amplitude_of(self.amplitude))
+    def load(self) -> coulomb.TotalForce:
+        return coulomb.TotalForce(self.face, self.force, amplitude_of(self.amplitude))
 
 
 class PointLoadTable(Table):
@@ -232,10 +207,8 @@ class PointLoadTable(Table):
     point: Vector | None = None
     amplitude: AmplitudeTable | None = None
 
-    def load(self) -> PointLoad:
-        from ..fem.bodies import PointLoad
-
-        return PointLoad(self.face, self.force, self.moment, self.point, amplitude_of(self.amplitude))
+    def load(self) -> coulomb.PointLoad:
+        return coulomb.PointLoad(self.face, self.force, self.moment, self.point, amplitude_of(self.amplitude))
 
 
 class NodalForceTable(PlacedTable):
@@ -270,24 +243,24 @@ class VolumeForceTable(Table):
 LoadTable = TractionTable | PressureTable | TotalForceTable | PointLoadTable | NodalForceTable | VolumeForceTable
 
 
-def with_nodes(mesh: NamedMesh | JoinedMesh, tables: Iterable[PlacedTable]) -> NamedMesh | JoinedMesh:
+def with_nodes(mesh: coulomb.NamedMesh | JoinedMesh, tables: Iterable[PlacedTable]) -> coulomb.NamedMesh | JoinedMesh:
     """The mesh with the sets of nodes that tables give by numbers or places; collective.
 
     Raises:
         ValueError: On every rank, if there is no such node.
     """
-    from ..fem.meshes import SEPARATOR, JoinedMesh, NamedMesh
+    from ..fem.meshes import SEPARATOR, JoinedMesh
 
     for table in tables:
         if table.nodes is None or isinstance(table.nodes, str):
             continue
         body, _, name = table.face.rpartition(SEPARATOR)
-        one = mesh if isinstance(mesh, NamedMesh) else mesh.body(body, f"nodes {list(table.nodes)[:5]}")
+        one = mesh if isinstance(mesh, coulomb.NamedMesh) else mesh.body(body, f"nodes {list(table.nodes)[:5]}")
         if isinstance(table.nodes[0], tuple):
             one = one.with_nodes(name, at=table.nodes)
         else:
             one = one.with_nodes(name, numbers=[int(str(node).rpartition(SEPARATOR)[2]) for node in table.nodes])
-        mesh = one if isinstance(mesh, NamedMesh) else JoinedMesh({**mesh.bodies, body: one})
+        mesh = one if isinstance(mesh, coulomb.NamedMesh) else JoinedMesh({**mesh.bodies, body: one})
     return mesh
 
 
@@ -312,14 +285,12 @@ class HeatTable(Table):
             raise ValueError(str(error).removeprefix("heat: ")) from None
         return self
 
-    def load(self) -> HeatLoad:
-        from ..fem.bodies import HeatLoad
-
+    def load(self) -> coulomb.HeatLoad:
         temperature, flux, ambient, source = (
             None if value is None else coefficient(value)
             for value in (self.temperature, self.flux, self.ambient, self.source)
         )
-        return HeatLoad(
+        return coulomb.HeatLoad(
             self.face, temperature, flux, self.film, ambient, source, self.body, amplitude_of(self.amplitude)
         )
 

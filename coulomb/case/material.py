@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
+import coulomb
+
 from .curves import AmplitudeTable, amplitude_of
 from .values import (
     ROWS,
@@ -119,32 +121,25 @@ class MaterialTable(Table):
     def material(self) -> AnyMaterial:
         """ValueError if the strain energy is not positive, or directions are parallel."""
         if isinstance(self.young, tuple) and isinstance(self.poisson, tuple) and self.shear is not None:
-            from ..fem.bodies import COORDINATE_AXES, OrthotropicMaterial
+            from ..fem.bodies import COORDINATE_AXES
 
             given = self.directions
             directions = COORDINATE_AXES if given is None else (field(given[0]), field(given[1]))
-            return OrthotropicMaterial(
+            return coulomb.OrthotropicMaterial(
                 *(self.young, self.poisson, self.shear, directions, self.density, self.expansion, self.conductivity)
             )
-        from ..fem.bodies import Material
 
         expansion = self.expansion
         assert not isinstance(expansion, tuple)
         if self.c1 is not None and self.c2 is not None and self.bulk is not None:
-            from ..kinematics import MooneyRivlin
-
-            return MooneyRivlin(self.c1, self.c2, self.bulk, self.density, expansion)
+            return coulomb.MooneyRivlin(self.c1, self.c2, self.bulk, self.density, expansion)
         if self.mu is not None and self.alpha is not None and self.bulk is not None:
-            from ..kinematics import Ogden
-
-            return Ogden(self.mu, self.alpha, self.bulk, self.density, expansion)
+            return coulomb.Ogden(self.mu, self.alpha, self.bulk, self.density, expansion)
         assert isinstance(self.young, float) and isinstance(self.poisson, float)
         if self.law is not None:
-            from ..kinematics import NeoHookean, StVenantKirchhoff
-
-            kind = NeoHookean if self.law == "neo-hookean" else StVenantKirchhoff
+            kind = coulomb.NeoHookean if self.law == "neo-hookean" else coulomb.StVenantKirchhoff
             return kind(self.young, self.poisson, self.density, expansion)
-        return Material(self.young, self.poisson, self.density, expansion, self.conductivity)
+        return coulomb.Material(self.young, self.poisson, self.density, expansion, self.conductivity)
 
 
 class GroupMaterialTable(MaterialTable):
@@ -234,11 +229,10 @@ class TemperatureTable(Table):
 
     def thermal(self) -> ThermalLoad:
         from ..fem.bodies import ThermalLoad
-        from ..fem.meshes import NodalField
 
         amplitude = amplitude_of(self.amplitude)
         if self.file is not None and self.field is not None:
-            found = NodalField.from_file(self.file, self.field, self.scale)
+            found = coulomb.NodalField.from_file(self.file, self.field, self.scale)
             return ThermalLoad(found, self.reference, amplitude)
         assert self.value is not None
         return ThermalLoad(coefficient(self.value), self.reference, amplitude)

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+import coulomb
+
+from .. import solvers
 from ..model.times import HALVINGS, refuse_times
 from .values import ROWS, Duration, FileName, Name, Number, Rounds, Steps, Table, Vector
 
 if TYPE_CHECKING:
-    from ..model.probes import Probe
     from ..solvers.friction_problem import Solver
     from ..solvers.newton_systems import NewtonChoice
 
@@ -53,30 +55,28 @@ class SolverTable(Table):
         """The paper's Newton systems imply successive Tresca; `sloped` is whether friction grows with pressure
         anywhere.
         """
-        from ..solvers.automatic import Automatic
-        from ..solvers.condensed import CondensedSystem
-        from ..solvers.interior_point import InteriorPoint
-        from ..solvers.newton_systems import AugmentedSystem, DenseSystem, SchurComplementSystem
-        from ..solvers.successive_tresca import SuccessiveTresca
-
         systems: dict[str, NewtonChoice] = {
-            "recycling": AugmentedSystem(),
-            "augmented": AugmentedSystem(rank=0),
-            "schur": SchurComplementSystem(rank=0),
-            "dense": DenseSystem(),
-            "condensed": CondensedSystem(),
+            "recycling": solvers.AugmentedSystem(),
+            "augmented": solvers.AugmentedSystem(rank=0),
+            "schur": solvers.SchurComplementSystem(rank=0),
+            "dense": solvers.DenseSystem(),
+            "condensed": solvers.CondensedSystem(),
         }
-        whole = InteriorPoint(self.tolerance, newton=systems[self.newton])
+        whole = coulomb.InteriorPoint(self.tolerance, newton=systems[self.newton])
         if not sloped and self.method == "auto" and self.newton == "recycling":
-            return Automatic(self.tolerance, whole)
+            return solvers.Automatic(self.tolerance, whole)
         if not sloped and self.method == "auto":
             return whole
         if self.newton in ("dense", "condensed") and self.method != "successive-tresca":
             return whole
         if self.method == "successive-tresca" or self.newton in ("augmented", "schur"):
-            most = SuccessiveTresca.max_iterations if self.max_outer is None else self.max_outer
-            return SuccessiveTresca(self.tolerance, replace(whole, r_tol=0.1, c_fact=0.9), max_iterations=most)
-        return InteriorPoint(self.tolerance) if self.method == "interior-point" else Automatic(self.tolerance)
+            most = coulomb.SuccessiveTresca.max_iterations if self.max_outer is None else self.max_outer
+            return coulomb.SuccessiveTresca(self.tolerance, replace(whole, r_tol=0.1, c_fact=0.9), max_iterations=most)
+        return (
+            coulomb.InteriorPoint(self.tolerance)
+            if self.method == "interior-point"
+            else solvers.Automatic(self.tolerance)
+        )
 
 
 class HistoryTable(Table):
@@ -133,7 +133,5 @@ class ProbeTable(Table):
     point: Vector
     body: Name | None = None
 
-    def probe(self) -> Probe:
-        from ..model.probes import Probe
-
-        return Probe(self.name, self.point, self.body)
+    def probe(self) -> coulomb.Probe:
+        return coulomb.Probe(self.name, self.point, self.body)

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
+
+import coulomb
 
 from ..fem.mesh_formats import other_side
 from .curves import AmplitudeTable, amplitude_of
 from .loads import LastingTable
 from .values import ROWS, AlongAxes, Direction, Name, NodesValue, Number, Stiffness, Table, Vector
-
-if TYPE_CHECKING:
-    from ..fem.bodies import Equation, RigidFace
-    from ..fem.contact import Tied
 
 
 class FacePairTable(Table):
@@ -29,7 +27,7 @@ class FacePairTable(Table):
             raise ValueError(f"face {self.face!r} cannot be tied to itself: give another as against")
         return self
 
-    def tie(self) -> Tied:
+    def tie(self) -> coulomb.Tied:
         """What it is in the problem."""
         raise NotImplementedError
 
@@ -38,10 +36,8 @@ class TieTable(FacePairTable, LastingTable):
     """Two faces that are glued to each other: after `begin` as they are then, until `end`, and from `reaches` on as
     before deformation."""
 
-    def tie(self) -> Tied:
-        from ..fem.contact import Tied
-
-        return Tied(self.face, self.against, self.slave, begin=self.begin, end=self.end, reaches=self.reaches)
+    def tie(self) -> coulomb.Tied:
+        return coulomb.Tied(self.face, self.against, self.slave, **self.lasting)
 
 
 class CyclicSymmetryTable(FacePairTable):
@@ -51,10 +47,8 @@ class CyclicSymmetryTable(FacePairTable):
     axis: Vector
     sectors: Annotated[int, Field(ge=2, le=100_000, strict=True)]
 
-    def tie(self) -> Tied:
-        from ..fem.contact import CyclicSymmetry
-
-        return CyclicSymmetry(self.face, self.against, self.slave, self.point, self.axis, self.sectors)
+    def tie(self) -> coulomb.Tied:
+        return coulomb.CyclicSymmetry(self.face, self.against, self.slave, self.point, self.axis, self.sectors)
 
 
 class PretensionTable(FacePairTable):
@@ -81,10 +75,8 @@ class PretensionTable(FacePairTable):
             raise ValueError("give either force (N) or shortening (m), one of the two")
         return self
 
-    def tie(self) -> Tied:
-        from ..fem.contact import Pretension
-
-        return Pretension(
+    def tie(self) -> coulomb.Tied:
+        return coulomb.Pretension(
             *(self.face, self.against, self.slave, self.force, self.shortening, self.direction),
             *(amplitude_of(self.amplitude), self.lock),
         )
@@ -116,11 +108,9 @@ class EquationTable(Table):
             raise ValueError("give either constant, or the stiffness of a spring, one of the two")
         return self
 
-    def equation(self) -> Equation:
-        from ..fem.bodies import Equation
-
+    def equation(self) -> coulomb.Equation:
         terms = [(term.nodes, term.component, term.coefficient) for term in self.terms]
-        return Equation(terms, self.constant, amplitude_of(self.amplitude), self.stiffness)
+        return coulomb.Equation(terms, self.constant, amplitude_of(self.amplitude), self.stiffness)
 
 
 class RigidFaceTable(Table):
@@ -142,11 +132,9 @@ class RigidFaceTable(Table):
     rotation_stiffness: tuple[Stiffness, Stiffness, Stiffness] = (0.0, 0.0, 0.0)
     along: Literal["rigid", "free"] = "rigid"
 
-    def rigid_face(self) -> RigidFace:
-        from ..fem.bodies import RigidFace
-
+    def rigid_face(self) -> coulomb.RigidFace:
         own = [getattr(self, f"{of}_{axis}_amplitude") for of in ("translation", "rotation") for axis in "xyz"]
-        return RigidFace(
+        return coulomb.RigidFace(
             *(self.face, self.point, self.translation.components, self.rotation.components),
             amplitude_of(self.amplitude),
             [None if one is None else amplitude_of(one) for one in own],

@@ -10,13 +10,14 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
 from typing_extensions import TypeAliasType
 
+import coulomb
+
 from ..arrays import FloatArray
 from .expression import expression
 
 if TYPE_CHECKING:
     from ..fem.geometry import Coefficient
     from ..fem.geometry import Field as VectorField
-    from ..fem.meshes import NodalField
 
 
 class Table(BaseModel):
@@ -156,10 +157,9 @@ class FieldTable(Table):
         """A function of place; the file is read when it is first called: a check reports a missing one, and goes on."""
 
         @cache
-        def read() -> NodalField:
-            from ..fem.meshes import NodalField
+        def read() -> coulomb.NodalField:
 
-            return NodalField.from_file(self.file, self.field, self.scale)
+            return coulomb.NodalField.from_file(self.file, self.field, self.scale)
 
         return lambda x: read()(x)
 
