@@ -13,7 +13,7 @@ from .equations import Equations
 from .node_surfaces import named_sides
 from .reading import Reading
 from .rigid_bodies import skin_of
-from .steps import Amplitude, Rows, Step, Tracks, reference
+from .steps import Amplitude, Rows, Step, Tracks
 
 _AtReference = tuple[str, int, int]
 """What a reference node belongs to, its number among these, and the degree of freedom."""
@@ -63,8 +63,7 @@ class Constraints:
         return int(nodes[0])
 
     def _point(self, node: int) -> list[float]:
-        deck = self._of.deck
-        return [float(one) for one in deck.points[deck.places(np.array([node]))[0]]]
+        return [float(one) for one in self._of.point(node)]
 
     def _coupled(self, coupling: Card, kind: Card) -> None:
         node = self._reference(coupling, "REFNODE")
@@ -254,12 +253,10 @@ class Constraints:
                 self._bolts[number]["shortening"] = track.fixed()[0]
                 continue
             table = tables["rigid_face"][names.index(number)]
-            rotation = kind == "rotation" or dof > 3
-            value, amplitude = reference(track.fixed()[0])
-            table.setdefault("rotation" if rotation else "translation", {})["xyz"[(dof - 1) % 3]] = value
-            if amplitude is not None and not self._of.single(amplitude):
-                what = "rotation" if rotation else "translation"
-                table[f"{what}_{'xyz'[(dof - 1) % 3]}_amplitude"] = amplitude
+            what, axis = "rotation" if kind == "rotation" or dof > 3 else "translation", "xyz"[(dof - 1) % 3]
+            value, timed = self._of.course(track.fixed()[0], f"{what}_{axis}_amplitude")
+            table.setdefault(what, {})[axis] = value
+            table |= timed
 
     def _point_loads(self, tables: dict[str, list[dict[str, Any]]]) -> None:
         by_rows: dict[tuple[int, Any], dict[str, Any]] = {}
@@ -271,16 +268,14 @@ class Constraints:
             if kind == "bolt":
                 self._bolts[number]["force"] = rows
                 continue
-            value, amplitude = reference(rows)
+            value, timed = self._of.course(rows)
             if value == 0.0:
                 continue
             rigid = self._rigid[number]
-            timed = None if amplitude is None or self._of.single(amplitude) else amplitude
             table = by_rows.setdefault((number, str(timed)), {"face": rigid["face"], "point": rigid["point"]})
             moment = kind == "rotation" or dof > 3
             table.setdefault("moment" if moment else "force", [0.0, 0.0, 0.0])[(dof - 1) % 3] = value
-            if timed is not None:
-                table["amplitude"] = timed
+            table |= timed
         if by_rows:
             tables["point_load"] = list(by_rows.values())
 

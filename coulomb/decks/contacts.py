@@ -12,7 +12,7 @@ from .cards import Card, key_of
 from .materials import modulus_of
 from .node_surfaces import facets_with_nodes
 from .reading import Reading
-from .steps import Rows, Step
+from .steps import Step, reference
 
 _SOFT: Final = 1.0
 """Stiffness of an overclosure law below this, over Young's modulus by the size of an element, is meant as a layer."""
@@ -236,13 +236,19 @@ def _interactions(of: Reading) -> dict[str, _Interaction]:
 
 def _other_laws(of: Reading, interaction: str) -> Iterator[tuple[Card, str]]:
     """What *CHANGE SURFACE BEHAVIOR makes of an interaction: each card with the law from its step on."""
+    for _, card in _changes(of, "SURFACEBEHAVIOR", interaction):
+        yield card, _law(of, card)
+
+
+def _changes(of: Reading, kind: str, interaction: str) -> Iterator[tuple[Step, Card]]:
+    """The cards of a kind, and their steps, that stand below its *CHANGE card for an interaction."""
     for step in of.steps:
         changing = False
         for card in step.cards:
-            if card.kind == "CHANGESURFACEBEHAVIOR":
+            if card.kind == f"CHANGE{kind}":
                 changing = card.key("INTERACTION") == interaction
-            elif card.kind == "SURFACEBEHAVIOR" and changing:
-                yield card, _law(of, card)
+            elif card.kind == kind and changing:
+                yield step, card
 
 
 def _law(of: Reading, card: Card | None) -> str:
@@ -291,27 +297,14 @@ def _edge(of: Reading) -> float:
 
 def _friction(of: Reading, interaction: _Interaction, name: str) -> dict[str, Any]:
     """Coulomb's coefficient, and how it changes from step to step (*CHANGE FRICTION)."""
-    table: dict[str, Any] = {}
     limit = _limit(interaction.friction)
     _note_stick_slope(of, interaction.friction)
     rows: list[tuple[float, float]] = [(0.0, _coefficient(interaction.friction))]
-    for step in of.steps:
-        changing = False
-        for card in step.cards:
-            if card.kind == "CHANGEFRICTION":
-                changing = card.key("INTERACTION") == name
-            elif card.kind == "FRICTION" and changing:
-                before, value = rows[-1][1], _coefficient(card)
-                soon = step.begin + 1e-6 * (step.end - step.begin)
-                rows += [(step.begin, before), (soon, value)] if step.begin > 0.0 else []
-                rows = rows if step.begin > 0.0 else [(0.0, value)]
-    largest = max(value for _, value in rows)
-    table["friction"] = largest
-    if len({value for _, value in rows}) > 1:
-        table["friction_amplitude"] = [[time, value / largest] for time, value in _distinct(tuple(rows))]
-    if limit is not None and largest > 0.0:
-        table["friction_limit"] = limit
-    return table
+    for step, card in _changes(of, "FRICTION", name):
+        value = _coefficient(card)
+        rows = [*rows, (step.begin, rows[-1][1]), (step.soon, value)] if step.begin > 0.0 else [(0.0, value)]
+    table = _in_time("friction", rows)
+    return table | ({"friction_limit": limit} if limit is not None and table["friction"] > 0.0 else {})
 
 
 def _note_stick_slope(of: Reading, card: Card | None) -> None:
@@ -346,8 +339,10 @@ def _conductance(card: Card | None) -> dict[str, Any]:
     return {"thermal": {"conductance": float(lines[0][0])} | rise}
 
 
-def _distinct(rows: Rows) -> Rows:
-    return tuple(row for k, row in enumerate(rows) if k == 0 or row[0] > rows[k - 1][0])
+def _in_time(key: str, rows: Sequence[tuple[float, float]]) -> dict[str, Any]:
+    """The entries of a value that follows rows, of which the first of one time counts."""
+    value, factors = reference(tuple(row for k, row in enumerate(rows) if k == 0 or row[0] > rows[k - 1][0]))
+    return {key: value} | ({} if factors is None else {f"{key}_amplitude": factors})
 
 
 def _coefficient(card: Card | None) -> float:
@@ -399,15 +394,11 @@ def _taken_out(of: Reading, course: Sequence[tuple[Step | None, str]], clearance
     for (_, before), (step, now) in pairwise(course):
         if step is None or "none" not in (before, now):
             continue
-        soon = step.begin + 1e-6 * (step.end - step.begin)
         if now == "none":
-            rows += [(step.begin, rows[-1][1]), (soon, away)]
+            rows += [(step.begin, rows[-1][1]), (step.soon, away)]
         else:  # an overlap comes in the course of the step
-            rows += [(step.begin, away), (soon, max(clearance, 0.0)), (step.end, clearance)]
-    if len({value for _, value in rows}) == 1:
-        return {}
-    largest = max((value for _, value in rows), key=abs)
-    return {"gap": largest, "gap_amplitude": [[time, value / largest] for time, value in _distinct(tuple(rows))]}
+            rows += [(step.begin, away), (step.soon, max(clearance, 0.0)), (step.end, clearance)]
+    return _in_time("gap", rows) if len({value for _, value in rows}) > 1 else {}
 
 
 def _goes_out(card: Card, names: tuple[str, str]) -> bool | None:

@@ -16,7 +16,7 @@ from ..arrays import IntArray, as_list
 from .cards import Card, key_of
 from .materials import axes_at
 from .reading import Reading
-from .steps import Rows, reference
+from .steps import Rows
 
 _FIXED_BY: Final = {"PLANE": 3, "STRAIGHT": 2}
 """Kinds of *MPC, by the number of nodes that the others follow."""
@@ -44,11 +44,6 @@ class Equations:
         self._of = reading
         self._equations: list[_Terms] = []
         self.references: set[int] = set()
-        self._frames: dict[int, Card] = {}
-        for card in reading.model:
-            if card.kind == "TRANSFORM":
-                nodes = reading.node_numbers(card.needs("NSET"), card, None)
-                self._frames.update(dict.fromkeys(as_list(nodes), card))
 
     def take(self, card: Card) -> None:
         """An *EQUATION card, of sets one for each of their nodes."""
@@ -83,9 +78,9 @@ class Equations:
 
     def _along(self, node: int, dof: int) -> list[tuple[int, float]]:
         """The axes and parts of a degree of freedom, of a node with a *TRANSFORM several, the largest first."""
-        if node not in self._frames:
+        if node not in self._of.frames:
             return [(dof, 1.0)]
-        along = axes_at(self._frames[node], self._of.deck.points[self._of.deck.places(np.array([node]))[0]])[dof - 1]
+        along = axes_at(self._of.frames[node], self._of.point(node))[dof - 1]
         order = sorted(range(3), key=lambda k: -abs(along[k]))
         return [(k + 1, float(along[k])) for k in order if abs(along[k]) > _NOTHING]
 
@@ -96,8 +91,7 @@ class Equations:
 
     def couple(self, node: int, nodes: IntArray, dofs: set[int]) -> None:
         """Nodes that follow the rigid motion of a reference node along some directions."""
-        x = self._of.deck.points
-        arms = x[self._of.deck.places(nodes)] - x[self._of.deck.places(np.array([node]))]
+        arms = self._of.deck.points[self._of.deck.places(nodes)] - self._of.point(node)
         for one, arm in zip(as_list(nodes), arms, strict=True):
             for dof in sorted(dofs & {1, 2, 3}):
                 i, j = dof % 3, (dof + 1) % 3  # u_k + theta_i r_j - theta_j r_i
@@ -205,15 +199,11 @@ class Equations:
             found.setdefault("equation", []).append(table)
         for (node, dof), given in forces.items():
             for rows, factor in given:
-                value, amplitude = reference(rows)
+                value, timed = self._of.course(rows)
                 if value * factor == 0.0:
                     continue
-                force = [0.0, 0.0, 0.0]
-                force[dof - 1] = value * factor
-                table = {"nodes": [self._called(node)], "force": force}
-                if amplitude is not None and not self._of.single(amplitude):
-                    table["amplitude"] = amplitude
-                found.setdefault("nodal_force", []).append(table)
+                force = [value * factor if dof == k else 0.0 for k in (1, 2, 3)]
+                found.setdefault("nodal_force", []).append({"nodes": [self._called(node)], "force": force, **timed})
         return found
 
     def _without_references(self, held: dict[Dof, Rows], forces: dict[Dof, list[tuple[Rows, float]]]) -> list[_Terms]:
@@ -256,10 +246,7 @@ class Equations:
     def _homes(self) -> dict[int, str]:
         """The bodies of nodes, where there are several."""
         return {
-            node: name
-            for name, elements in self._of.bodies.items()
-            for rows in self._of.deck.solids.values()
-            for node in as_list(np.unique(rows[np.isin(rows[:, 0], elements), 1:]))
+            node: name for name, elements in self._of.bodies.items() for node in as_list(self._of.nodes_of(elements))
         }
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from .cards import Card, key_of
 from .reading import Reading
-from .steps import PROCEDURES, STEADY, Step, Track, Tracks, reference
+from .steps import PROCEDURES, STEADY, Step, Track, Tracks
 
 _TEMPERATURE = (0, 11)
 """The degrees of freedom of *BOUNDARY that are the temperature."""
@@ -130,8 +130,5 @@ class Heat:
         """A temperature in time: that of the largest change from the start, with the factor of the change."""
         assert self._initial is not None
         start = self._initial
-        change, amplitude = reference(tuple((time, value - start) for time, value in track.fixed()[0]))
-        table: dict[str, Any] = {key: start + change}
-        if amplitude is not None and not self._of.single(amplitude):
-            table["amplitude"] = amplitude
-        return table
+        change, timed = self._of.course(tuple((time, value - start) for time, value in track.fixed()[0]))
+        return {key: start + change, **timed}

@@ -43,11 +43,11 @@ class Loads:
         pressures = Tracks[_Sides](support=False)
         volumes = Tracks[_Volume](support=False)
         tractions = Tracks[tuple[str, tuple[float, ...]]](support=False)
+        every: tuple[Tracks[Any], ...] = (pressures, volumes, tractions)
         names: dict[Any, str] = {}
         for step in self._of.steps:
-            pressures.begin(step)
-            volumes.begin(step)
-            tractions.begin(step)
+            for tracks in every:
+                tracks.begin(step)
             fresh = False
             for card in step.cards:
                 if card.kind not in ("DLOAD", "DSLOAD"):
@@ -77,10 +77,8 @@ class Loads:
                     self._refuse_parts(of_sides, pressures, step, card)
                     pressures.give(of_sides, value, step, amplitude)
                 self._volume_loads(card, volumes, step, amplitude)
-            if fresh:
-                pressures.drop(pressures.given, step)
-                volumes.drop(volumes.given, step)
-                tractions.drop(tractions.given, step)
+            for tracks in every if fresh else ():
+                tracks.drop(tracks.given, step)
         tables: dict[str, Any] = {}
         for key, track in pressures.all:
             table = self._of.timed({"face": names[key]}, "value", track.fixed()[0])
@@ -153,9 +151,7 @@ class Loads:
                 continue
             parts = [[*one] for one in zip(*forces, strict=True)]
             value = [sum(one) if all(isinstance(k, float) for k in one) else "+".join(map(str, one)) for one in parts]
-            factors = reference(rows)[1]
-            timed = factors is not None and not self._of.single(factors)
-            tables |= {key: value} | ({f"{key}_amplitude": factors} if timed else {})
+            tables |= {key: value} | self._of.course(rows, f"{key}_amplitude")[1]
         return tables
 
     def _elements(self, name: str) -> IntArray:
@@ -190,9 +186,8 @@ class Loads:
                 raise ValueError(f"{where}: give the name of a set of elements, not an internal one")
             if kind in ("GRAV", "CENTRIF") and table.get("density") is None:
                 raise ValueError(f"{where}: its material has no *DENSITY")
-            value, factors = reference(rows)
+            value, timed = self._of.course(rows)
             force = self._force(kind, numbers, value, float(table.get("density") or 0.0))
-            timed = {} if factors is None or self._of.single(factors) else {"amplitude": factors}
             for body, cells in (self._of.bodies or {"": mine}).items():
                 if np.any(np.isin(mine, cells)):
                     group = deck.element_sets.get(of).name

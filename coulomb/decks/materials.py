@@ -147,12 +147,7 @@ def directions_of(card: Card) -> list[list[float | str]]:
         raise card.fault(f"SYSTEM={card.get('SYSTEM')} is not read, RECTANGULAR and CYLINDRICAL are")
     if angle and about != 2:
         raise card.fault("axes of a cylinder are turned about the third alone", 1)
-    x, axis = radial_direction(a, b), (b - a) / np.linalg.norm(b - a)
-    # the second axis is along the circle: axis x radial, and as long as this
-    y = [
-        f"({float(axis[(k + 1) % 3])!r})*({x[(k + 2) % 3]})-({float(axis[(k + 2) % 3])!r})*({x[(k + 1) % 3]})"
-        for k in range(3)
-    ]
+    x, y = radial_direction(a, b), tangential_direction(a, b)
     if not angle:
         return [list(x), list(y)]
     c, s = float(np.cos(angle)), float(np.sin(angle))
@@ -165,6 +160,15 @@ def radial_direction(a: FloatArray, b: FloatArray) -> list[str]:
     axis = (b - a) / np.linalg.norm(b - a)
     along = "+".join(f"({float(axis[k])!r})*({name}-({float(a[k])!r}))" for k, name in enumerate("xyz"))
     return [f"{name}-({float(a[k])!r})-({float(axis[k])!r})*({along})" for k, name in enumerate("xyz")]
+
+
+def tangential_direction(a: FloatArray, b: FloatArray) -> list[str]:
+    """The vector along the circle around that axis, axis x radial, as long as this, as expressions."""
+    x, axis = radial_direction(a, b), (b - a) / np.linalg.norm(b - a)
+    return [
+        f"({float(axis[(k + 1) % 3])!r})*({x[(k + 2) % 3]})-({float(axis[(k + 2) % 3])!r})*({x[(k + 1) % 3]})"
+        for k in range(3)
+    ]
 
 
 def axes_at(frame: Card, x: FloatArray) -> FloatArray:

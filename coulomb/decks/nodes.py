@@ -12,9 +12,9 @@ from ..arrays import FloatArray, IntArray, as_list
 from .cards import Card, key_of
 from .constraints import Constraints
 from .heat import is_temperature
-from .materials import axes_at, radial_direction
+from .materials import axes_at, radial_direction, tangential_direction
 from .reading import Reading
-from .steps import Rows, Step, Track, Tracks, reference
+from .steps import Rows, Step, Track, Tracks
 
 _TYPES: Final = {
     **{"ENCASTRE": (1, 2, 3), "PINNED": (1, 2, 3), "XSYMM": (1,), "YSYMM": (2,), "ZSYMM": (3,)},
@@ -42,16 +42,12 @@ class NodalTables:
         self._supports, self._forces = Tracks[_Key](support=True), Tracks[_Key](support=False)
         self._labels: dict[str, IntArray] = {}
         self._strays = 0
-        self._frame: dict[int, Card] = {}
         self._on_axis: set[int] = set()
         for card in reading.model:
-            if card.kind == "TRANSFORM":
-                nodes = reading.node_numbers(card.needs("NSET"), card, None)
-                self._frame.update(dict.fromkeys(as_list(nodes), card))
-                if card.key("TYPE") == "C":
-                    a, b = np.split(card.vector(0, 6), 2)
-                    away = np.cross(reading.deck.points[reading.deck.places(nodes)] - a, b - a)
-                    self._on_axis.update(as_list(nodes[np.linalg.norm(away, axis=1) <= _ON_AXIS * (b - a) @ (b - a)]))
+            if card.kind == "TRANSFORM" and card.key("TYPE") == "C":
+                nodes, (a, b) = reading.node_numbers(card.needs("NSET"), card, None), np.split(card.vector(0, 6), 2)
+                away = np.cross(reading.deck.points[reading.deck.places(nodes)] - a, b - a)
+                self._on_axis.update(as_list(nodes[np.linalg.norm(away, axis=1) <= _ON_AXIS * (b - a) @ (b - a)]))
 
     def take(self) -> None:
         """Read the cards of the model and of all steps."""
@@ -161,22 +157,16 @@ class NodalTables:
             self._of.notes.append(f"supports and loads of {self._strays} nodes of no solid element have no effect")
         tables: dict[str, Any] = {}
         for nodes, dofs, frame, rows, *limits in self._groups(self._supports, whole=False):
-            value, amplitude = reference(rows)
+            value, timed = self._of.course(rows)
+            lasting = zip(("begin", "end", "reaches"), limits, strict=True)
+            more = {"nodes": nodes, **{name: time for name, time in lasting if time is not None}, **timed}
             for table in self._directions(dofs, frame, value):
-                table["nodes"] = nodes
-                for name, time in zip(("begin", "end", "reaches"), limits, strict=True):
-                    if time is not None:
-                        table[name] = time
-                if amplitude is not None and not self._of.single(amplitude):
-                    table["amplitude"] = amplitude
-                tables.setdefault("prescribed_displacement" if value else "clamp", []).append(table)
+                tables.setdefault("prescribed_displacement" if value else "clamp", []).append(table | more)
         for nodes, dofs, frame, rows, *_ in self._groups(self._forces, whole=True):
-            value, amplitude = reference(rows)
+            value, timed = self._of.course(rows)
             force = np.array([value if dof in dofs else 0.0 for dof in (1, 2, 3)])
             for some, along in self._in_space(nodes, force, frame):
-                table = {"nodes": some, "force": [float(one) for one in along]}
-                if amplitude is not None and not self._of.single(amplitude):
-                    table["amplitude"] = amplitude
+                table = {"nodes": some, "force": [float(one) for one in along], **timed}
                 tables.setdefault("nodal_force", []).append(table)
         return tables
 
@@ -213,9 +203,7 @@ class NodalTables:
             body, _, name = nodes.rpartition(":") if isinstance(nodes, str) else ("", "", "")
             each = [f"{body}:{n}" if body else int(n) for n in deck.node_sets.members(name)] if name else nodes
             for node in each:
-                number = int(str(node).rpartition(":")[2])
-                x = deck.points[deck.places(np.array([number]))[0]]
-                yield [node], force @ axes_at(frame, x)
+                yield [node], force @ axes_at(frame, self._of.point(int(str(node).rpartition(":")[2])))
 
     def _groups(
         self, tracks: Tracks[_Key], whole: bool
@@ -226,9 +214,9 @@ class NodalTables:
         for key, track in tracks.all:
             if whole and not any(value for _, value in track.rows):
                 continue
-            frame = self._frame.get(key[0])
+            frame = self._of.frames.get(key[0])
             by_track.setdefault((_same(track), key[1], id(frame) if frame else 0), []).append(key[0])
-        frames = {id(card): card for card in self._frame.values()}
+        frames = {id(card): card for card in self._of.frames.values()}
         left = {key: np.unique(nodes) for key, nodes in by_track.items()}
         every = dict(left)
         for name, nodes in self._labels.items():
@@ -262,9 +250,7 @@ class NodalTables:
         return [f"{name}:" for name in self._of.bodies if self._nodes_in(name) & set(as_list(nodes))]
 
     def _nodes_in(self, body: str) -> set[int]:
-        elements = self._of.bodies[body]
-        parts = [rows[np.isin(rows[:, 0], elements), 1:].ravel() for rows in self._of.deck.solids.values()]
-        return set(as_list(np.unique(np.concatenate(parts))))
+        return set(as_list(self._of.nodes_of(self._of.bodies[body])))
 
 
 def _same(track: Track) -> tuple[Rows, *_Limits]:
@@ -279,10 +265,4 @@ def _axes(frame: Card) -> list[list[Any]]:
     if frame.key("TYPE") != "C":
         third = np.cross(a, b)
         return [as_list(one) for one in (a, np.cross(third, a), third)]
-    axis = (b - a) / np.linalg.norm(b - a)
-    x = radial_direction(a, b)
-    circle = [
-        f"({float(axis[(k + 1) % 3])!r})*({x[(k + 2) % 3]})-({float(axis[(k + 2) % 3])!r})*({x[(k + 1) % 3]})"
-        for k in range(3)
-    ]
-    return [list(x), circle, as_list(axis)]
+    return [radial_direction(a, b), tangential_direction(a, b), as_list((b - a) / np.linalg.norm(b - a))]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import IntArray
+from ..arrays import FloatArray, IntArray, as_list
 from .cards import Card, key_of
 from .geometry import Geometry
 from .steps import STEADY, Amplitude, Rows, Step, reference, smooth
@@ -113,6 +113,19 @@ class Reading:
         found: IntArray = np.unique(np.concatenate(parts))
         return found
 
+    def point(self, node: int) -> FloatArray:
+        """Where a node is, shape (3,); errors as of `Geometry.places`."""
+        return self.deck.points[self.deck.places(np.array([node]))[0]]
+
+    @cached_property
+    def frames(self) -> dict[int, Card]:
+        """The *TRANSFORM of every node that has one."""
+        found: dict[int, Card] = {}
+        for card in self.model:
+            if card.kind == "TRANSFORM":
+                found.update(dict.fromkeys(as_list(self.node_numbers(card.needs("NSET"), card, None)), card))
+        return found
+
     def elements_at(self, nodes: IntArray) -> IntArray:
         """Numbers of the solid elements with one of these nodes."""
         parts = [rows[np.any(np.isin(rows[:, 1:], nodes), axis=1), 0] for rows in self.deck.solids.values()]
@@ -148,26 +161,26 @@ class Reading:
             raise card.lacks("*AMPLITUDE", card.get("AMPLITUDE"), self.amplitudes)
         return self.amplitudes[name]
 
-    def single(self, rows: list[list[float]]) -> bool:
+    def _single(self, rows: list[list[float]]) -> bool:
         """Whether factors are those of a single load step from 0 to 1, which need no time."""
+        factors = [row[1] for row in rows]
         return (
             not self.large
             and self.open
             and len(self.steps) == 1
             and len(self.steps[0].ends) == 1
-            and rows[-1][1] == 1.0
-            and self._monotonic(rows)
+            and factors[-1] == 1.0
+            and factors == sorted(factors)
+            and factors[0] >= 0.0
         )
 
-    @staticmethod
-    def _monotonic(rows: list[list[float]]) -> bool:
-        factors = [row[1] for row in rows]
-        return factors == sorted(factors) and factors[0] >= 0.0
+    def course(self, rows: Rows, key: str = "amplitude") -> tuple[float, dict[str, Any]]:
+        """A value, and its factors in time as the entry of a table; none where it needs no time."""
+        value, factors = reference(rows)
+        return value, {} if factors is None or self._single(factors) else {key: factors}
 
     def timed(self, table: dict[str, Any], key: str, rows: Rows) -> dict[str, Any]:
         """A table with a value that follows these rows."""
-        value, amplitude = reference(rows)
-        table[key] = value
-        if amplitude is not None and not self.single(amplitude):
-            table["amplitude"] = amplitude
+        value, timed = self.course(rows)
+        table |= {key: value, **timed}
         return table

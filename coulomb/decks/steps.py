@@ -44,6 +44,11 @@ class Step:
     at_once: bool = False
     ends: list[float] = field(default_factory=list)
 
+    @property
+    def soon(self) -> float:
+        """Just after its beginning: the end of a jump there."""
+        return self.begin + _SOON * (self.end - self.begin)
+
     def divide(self) -> None:
         """Into as many load steps as the first increment makes, ten at most."""
         procedure = next((card for card in self.cards if card.kind in PROCEDURES), None)
@@ -126,7 +131,7 @@ class Track:
                 self._put(time, value * factor)
         elif step.at_once:
             self._put(step.begin, last)
-            self._put(step.begin + _SOON * (step.end - step.begin), value)
+            self._put(step.soon, value)
             self._put(step.end, value)
         else:
             self._put(step.begin, last)

@@ -11,7 +11,7 @@ import numpy as np
 from ..arrays import FloatArray, IntArray, as_list
 from .cards import Card
 from .reading import Reading
-from .steps import Amplitude, Step, Track, reference, value_at
+from .steps import Amplitude, Step, Track, value_at
 
 _SAME: Final = 1e-9
 """Part of the largest change up to which temperatures of nodes follow one course in time."""
@@ -161,10 +161,8 @@ class Temperatures:
         table |= {"at": others} if others else {}
         if others and any(name.startswith("C3D8") for name in self._of.deck.elements):
             self._of.notes.append("temperatures are linear in 8-node hexahedra; CalculiX takes the mean in each")
-        _, amplitude = reference(tuple((time, float(factor)) for time, factor in zip(times, factors, strict=True)))
-        if amplitude is not None and not self._of.single(amplitude):
-            table["amplitude"] = amplitude
-        return {"temperature": table}
+        _, timed = self._of.course(tuple((time, float(factor)) for time, factor in zip(times, factors, strict=True)))
+        return {"temperature": table | timed}
 
     def _mine(self, word: str, card: Card, row: int) -> Any:
         """Whether each of `nodes` is among those that a word names."""
