@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache, cached_property, partial
 from typing import Any, Final
 
+import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
@@ -22,7 +23,7 @@ from ..model.load_history import StepFailed
 from ..model.load_step import LoadStep
 from ..model.problem import ContactProblem
 from ..model.provenance import timed
-from ..model.sensitivity import Posed, Sensitivity, sensitivity_entries, why_no_others
+from ..model.sensitivity import Posed, Sensitivity, why_no_others
 from ..model.solution import Solution
 from ..solvers.results import NotConverged
 from .console import errors
@@ -201,3 +202,33 @@ def error_bars(session: Session, settings: Case, solution: Solution) -> dict[str
     except NoErrorBars as reason:
         errors.out(f"warning: no error bars: {reason}")
         return {}
+
+
+def _entry(one: Sensitivity) -> dict[str, Any]:
+    step = one.step if np.isfinite(one.step) else None
+    return {"input": one.name, "totals": one.totals, **one.others, "step": step, "border": one.border}
+
+
+def sensitivity_entries(found: Sequence[Sensitivity], tolerances: bool | Mapping[str, float]) -> dict[str, Any]:
+    """Of summary.json: `sensitivity`, where a step without end is null; with relative tolerances of inputs by their
+    names also `input_bars`, the root of the sum of the squares of what each does to the totals, and `unknown_inputs`,
+    names of no input that has not been 0 so far."""
+    entries: dict[str, Any] = {
+        "sensitivity": [
+            {**_entry(one), "falling": _entry(one.falling)} if one.falling else _entry(one) for one in found
+        ]
+    }
+    if isinstance(tolerances, bool):
+        return entries
+    names = {one.name: one for one in found}
+    entries["unknown_inputs"] = [name for name in tolerances if name not in names]
+    entries["input_bars"] = {
+        face: {
+            total: np.linalg.norm(
+                [tolerances.get(name, 0.0) * np.asarray(one.totals[face][total]) for name, one in names.items()], axis=0
+            ).tolist()
+            for total in totals
+        }
+        for face, totals in found[0].totals.items()
+    }
+    return entries

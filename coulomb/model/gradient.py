@@ -45,6 +45,8 @@ class Gradient:
             nodes.
         young: Of each body of built-in materials by its name, along the logarithm of Young's modulus of every cell of
             this rank, shape (c,); of hyperelastic ones with all their moduli in proportion.
+        temperature: Along the change of temperature of every node, per kelvin, shape (k,), 0 of bodies without; None if
+            no body has one.
         pretension: Along the force of each bolt by its face, per newton, or its shortening where that is prescribed,
             per metre; 0 if it is locked.
         motions: Along the six components of the motion of each rigid face by its name, per metre and per radian; 0
@@ -63,6 +65,7 @@ class Gradient:
     load: FloatArray
     prescribed: FloatArray
     young: dict[str, FloatArray]
+    temperature: FloatArray | None
     pretension: dict[str, float]
     motions: dict[str, FloatArray]
     border: int
@@ -359,6 +362,7 @@ def _gradient(
         gap=-owed.b[0::3],
         load=v,
         prescribed=found.prescribed,
+        temperature=_along_temperatures(problem, u, v),
         young={
             member.name: -member.body.work_in_cells(
                 u[member.nodes], v[member.nodes], None if part.temperature is None else part.temperature.change
@@ -380,3 +384,15 @@ def _gradient(
             owed,
         ),
     )
+
+
+def _along_temperatures(problem: DiscreteProblem, u: FloatArray, v: FloatArray) -> FloatArray | None:
+    """What J owes to the change of temperature of every node, from what it owes to forces v (k, 3); collective."""
+    body, loading, found = problem.elasticity, problem.loading, np.zeros(len(u))
+    if loading.temperature is None:
+        return None
+    for member, part in zip(body.members, loading.parts or [loading], strict=True):
+        if part.temperature is not None and isinstance(member.body, Elasticity | HyperelasticBody):
+            of, along = u[member.nodes], v[member.nodes]
+            found[member.nodes] = member.body.thermal_work(of, along, part.temperature.change)
+    return found

@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.bodies import End, Loading, ThermalLoad, nonlinear
+from ..fem.bodies import End, HyperelasticBody, Loading, ThermalLoad, nonlinear
 from ..linalg.reductions import Reductions
 from ..solvers.derivatives import Change, Derivative, derivatives
 from ..solvers.successive_tresca import Anderson
@@ -79,14 +79,15 @@ def refuse(problem: DiscreteProblem) -> None:
 class _Input:
     """The change of a problem along the logarithm of an input: bounds of friction in newtons (m,), gaps and the
     displacements from which slip counts in metres (m, 3), and loads and prescribed displacements, where they change;
-    of the stiffness of a spring, or of a body, its number, beside its forces as loads; loads along free motions,
-    newtons, (q,); and the factors of the motions of foundations, shape (faces,)."""
+    of the stiffness of a spring its number, beside its forces as loads, and of a modulus or a temperature what it does
+    to the energy of a body; loads along free motions, newtons, (q,); and the factors of the motions of foundations,
+    shape (faces,)."""
 
     bound: FloatArray | float = 0.0
     c: FloatArray | float = 0.0
     loading: Loading | None = None
     spring: int | None = None
-    body: int | None = None
+    energy: tuple[int, float] | None = None
     e: FloatArray | float = 0.0
     motions: FloatArray | None = None
     changed: Changed | None = None
@@ -209,7 +210,7 @@ class _Answer:
         way = None if poses is None or then is None else poses - then
         c = of.c + self._terms.relative(sign * at.owed.alpha)
         x, changed = sign * at.owed.x, one.changed
-        return Derived(at.problem, x, at.u, way, c, of.terms, pulled, moved, spring, one.body, changed)
+        return Derived(at.problem, x, at.u, way, c, of.terms, pulled, moved, spring, one.energy, changed)
 
     def changed(self, pose: Posed) -> Changed:
         """What a change of another input does at the forces and displacements of the answer; collective."""
@@ -374,36 +375,6 @@ class _Solved:
     u: FloatArray
 
 
-def _entry(one: Sensitivity) -> dict[str, Any]:
-    step = one.step if np.isfinite(one.step) else None
-    return {"input": one.name, "totals": one.totals, **one.others, "step": step, "border": one.border}
-
-
-def sensitivity_entries(found: Sequence[Sensitivity], tolerances: bool | Mapping[str, float]) -> dict[str, Any]:
-    """Of summary.json: `sensitivity`, where a step without end is null; with relative tolerances of inputs by their
-    names also `input_bars`, the root of the sum of the squares of what each does to the totals, and `unknown_inputs`,
-    names of no input that has not been 0 so far."""
-    entries: dict[str, Any] = {
-        "sensitivity": [
-            {**_entry(one), "falling": _entry(one.falling)} if one.falling else _entry(one) for one in found
-        ]
-    }
-    if isinstance(tolerances, bool):
-        return entries
-    names = {one.name: one for one in found}
-    entries["unknown_inputs"] = [name for name in tolerances if name not in names]
-    entries["input_bars"] = {
-        face: {
-            total: np.linalg.norm(
-                [tolerances.get(name, 0.0) * np.asarray(one.totals[face][total]) for name, one in names.items()], axis=0
-            ).tolist()
-            for total in totals
-        }
-        for face, totals in found[0].totals.items()
-    }
-    return entries
-
-
 def unloaded(loading: Loading) -> Loading:
     """Without loads, prescribed displacements and forces of bolts."""
     none = None if loading.tension is None else np.zeros_like(loading.tension)
@@ -489,12 +460,18 @@ def _inputs(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatAr
     for number, (member, part) in enumerate(zip(body.members, loading.parts or [loading], strict=True)):
         if member.body.materials is None:
             continue
-        forces = np.zeros_like(body.x)  # strain energies are in proportion to their moduli
+        of = f" of {member.name!r}" if member.name else ""
+        forces = np.zeros_like(body.x)
+        if isinstance(member.body, HyperelasticBody) and part.temperature is not None:
+            heat = forces.copy()
+            heat[member.nodes], energy = member.body.thermal_rates()
+            put(f"temperature change{of}", _Input(loading=replace(still, load=heat), energy=(number, energy)))
+        # strain energies are in proportion to their moduli
         forces[member.nodes] = -member.body.strain_force(u[member.nodes])
         if not member.body.large:
             forces[member.nodes] += sum(
                 one.forces for one in member.body.loads_in(part) if one.kind == ThermalLoad.kind
             )
-        name = "young" + (f" of {member.name!r}" if member.name else "")
-        put(name, _Input(loading=replace(still, load=forces), body=number))
+        energy = member.body.strain_energy(u[member.nodes]) or 0.0
+        put(f"young{of}", _Input(loading=replace(still, load=forces), energy=(number, energy)))
     return found

@@ -48,7 +48,8 @@ class Derived:
         pulled: Whether the input are forces of bolts,
         moved: or motions of rigid faces.
         spring: The number of the spring whose stiffness is the input, and its forces, newtons, (k, 3); None of others.
-        body: The number of the body whose modulus is the input; None of others.
+        energy: Of a modulus or a temperature that is the input the number of the body, and what it does by itself to
+            its strain energy, joules; None of others.
         changed: What the input changes in the problem itself; None if it does not.
     """
 
@@ -61,7 +62,7 @@ class Derived:
     pulled: bool
     moved: bool
     spring: tuple[int, FloatArray] | None
-    body: int | None
+    energy: tuple[int, float] | None
     changed: Changed | None
 
 
@@ -201,15 +202,13 @@ def _moments(one: Resultant) -> dict[str, Any]:
 
 
 def _strained(derived: Derived, u: FloatArray, over: Reductions) -> dict[str, dict[str, Any]]:
-    """Strain energy, which is in proportion to the moduli of a body; collective."""
+    """Strain energy; collective."""
     found = {}
+    by_number = dict(enumerate(derived.changed.energies) if derived.changed else [derived.energy or (-1, 0.0)])
     for number, one in enumerate(derived.problem.elasticity.members):
-        energy = one.body.strain_energy(u[one.nodes])
-        if energy is not None:
+        if one.body.strain_energy(u[one.nodes]) is not None:
             change = over.dot(one.body.strain_force(u[one.nodes]), derived.u[one.nodes])
-            of_stiffness = over.copies * energy if number == derived.body else 0.0
-            of_stiffness += over.copies * derived.changed.energies[number] if derived.changed else 0.0
-            found[one.name] = {"strain_energy": change + of_stiffness}
+            found[one.name] = {"strain_energy": change + over.copies * by_number.get(number, 0.0)}
     return found
 
 

@@ -61,13 +61,13 @@ def bonded(friction=0.3, cohesion=1e5, limit=4e5, pushed=1.0, young=1.0):
     )
 
 
-def heated(friction=0.2, pushed=1.0, lower=1.0, upper=1.0):
+def heated(friction=0.2, pushed=1.0, lower=1.0, upper=1.0, poisson=0.3):
     """Two bodies tied to each other, of different expansion: thermal forces are in proportion to Young's modulus."""
     upper_body = coulomb.moved(coulomb.box((1.0, 1.0, 0.3), (2, 2, 1)), translate=(0.0, 0.0, 0.3))
     return coulomb.ContactProblem(
         coulomb.join(a=coulomb.box((1.0, 1.0, 0.3), (3, 3, 1)), b=upper_body),
         {
-            "a": coulomb.Material(lower * 1e9, 0.3, expansion=1e-5),
+            "a": coulomb.Material(lower * 1e9, poisson, expansion=1e-5),
             "b": coulomb.Material(upper * 3e9, 0.2, expansion=3e-5),
         },
         [coulomb.Clamp("b:top")],
@@ -111,15 +111,21 @@ def test_derivatives_are_those_of_central_differences(make, inputs):
         assert one.totals[face]["dissipated_energy"] == pytest.approx(change, abs=1e-6 * work)
 
 
-@pytest.mark.parametrize("make", [block, partial(block, poisson=0.47), pair, free, heated, bonded])
+@pytest.mark.parametrize(
+    "make", [block, partial(block, poisson=0.47), pair, free, heated, partial(heated, poisson=0.47), bonded]
+)
 def test_the_adjoint_agrees_with_the_derivatives(make):
     """For a random function of forces and displacements, along every input that is a sum of points, nodes or cells."""
     answer, random = make().solve(tolerance=1e-12), np.random.default_rng(1)
     of_x = random.normal(size=answer.contact_force.shape)
     of_u = random.normal(size=answer.displacement.shape) * np.abs(answer.contact_force).max()
     found, body = answer.gradient(of_x, of_u), answer.problem.elasticity
-    loads = iter([one.forces for one in body.loads_in(answer.problem.loading)])
+    loads = iter([one.forces for one in body.loads_in(answer.problem.loading) if one.kind != "thermal"])
     limits = answer.problem.law.parts(answer.contact_force[0::3])["friction limit"]
+    warmed = {}
+    for one in body.members if found.temperature is not None else ():
+        change = answer.problem.loading.temperature.change
+        warmed[one.name] = found.temperature[one.nodes] @ change[one.nodes]
     for one in answer.sensitivities():
         kind, _, of = one.name.partition(" of ")
         known = {
@@ -128,6 +134,7 @@ def test_the_adjoint_agrees_with_the_derivatives(make):
             "friction limit": lambda: found.bound @ limits,
             "gap": lambda: found.gap @ answer.at_nodes.given_gap,
             "young": lambda of=of: found.young[of.strip("'")].sum(),
+            "temperature change": lambda of=of: warmed[of.strip("'")],
             "prescribed displacements": lambda: np.sum(found.prescribed * answer.problem.prescribed),
         }
         value = known[kind]() if kind in known else np.sum(found.load * next(loads))
@@ -271,7 +278,7 @@ def test_each_input_of_a_case_is_verified_by_answers_of_the_changed_case(tmp_pat
     """With a derivative that is a tenth too large, none that matters."""
     from coulomb.case.case import read_case
     from coulomb.cli import bars
-    from coulomb.model.sensitivity import sensitivity_entries
+    from coulomb.cli.bars import sensitivity_entries
 
     case = tmp_path / "case.toml"
     case.write_text(EVERYTHING)

@@ -2,6 +2,7 @@
 once, each by a weight of its own."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -60,6 +61,19 @@ def on_each_other(friction=1.0, pushed=1.0, lower=1.0, upper=1.0):
     )
 
 
+def hot_on_a_ball(friction=1.0, moved=1.0, young=1.0, hot=1.0):
+    """A rubber block between its clamp and a ball, which expands by place."""
+    return coulomb.ContactProblem(
+        coulomb.box((1.0, 1.0, 0.5), (2, 2, 1)),
+        coulomb.MooneyRivlin(2e5 * young, 1e5 * young, 1e6 * young, expansion=1e-3 * hot),
+        [coulomb.PrescribedDisplacement("top", (0.05 * moved, 0.02 * moved, 0.0), amplitude=[(0, 0), (1, 1), (2, 2)])],
+        coulomb.Contact("bottom", friction=0.4 * friction, foundation=coulomb.Sphere((0.5, 0.5, -3.0), 3.0)),
+        kinematics="large",
+        temperature=lambda x: 60.0 + 30.0 * x[0] * x[2],
+        temperature_amplitude=[(0, 0), (1, 1), (2, 0.9)],
+    )
+
+
 def under_a_tool(friction=1.0, pressed=1.0, young=1.0, pushed=1.0, far=1.0):
     """A block under a plane that comes down, tilts and is moved aside."""
     contact = coulomb.Contact(
@@ -113,6 +127,16 @@ def under_a_tool(friction=1.0, pressed=1.0, young=1.0, pushed=1.0, far=1.0):
             },
         ),
         (
+            hot_on_a_ball,
+            (1.0, 2.0),
+            {
+                "friction of 'bottom'": "friction",
+                "prescribed displacements": "moved",
+                "temperature change": "hot",
+                "young": "young",
+            },
+        ),
+        (
             under_a_tool,
             (0.6, 1.2),
             {
@@ -130,11 +154,12 @@ def test_along_motions_they_are_those_of_central_differences(make, times, inputs
     assert max(worst.values()) < 1e-6, worst
 
 
-def test_backwards_along_motions_they_agree_with_those_forward():
+@pytest.mark.parametrize("make", [partial(on_a_ball, cells=(1, 1, 1), poisson=0.47), hot_on_a_ball])
+def test_backwards_along_motions_they_agree_with_those_forward(make):
     """The adjoint, of the sum of a function over the steps, with what it owes to the loads as they are at each; volumes
     of cells change by their mean."""
     answers, forward, earlier = [], {}, []
-    for step in coulomb.LoadHistory([1.0, 2.0], tolerance=1e-12).steps(on_a_ball(cells=(1, 1, 1), poisson=0.47)):
+    for step in coulomb.LoadHistory([1.0, 2.0], tolerance=1e-12).steps(make()):
         answers.append(step.solution)
         earlier, (of_x, of_u) = step.solution.sensitivities(earlier), weights(step.solution)
         for one in earlier:
@@ -148,6 +173,8 @@ def test_backwards_along_motions_they_agree_with_those_forward():
         owed[f"friction of {problem.surface.faces[0]!r}"] += np.sum(bound)
         owed["prescribed displacements"] += np.sum(gradient.prescribed * np.concatenate(rates))
         owed["young"] += gradient.young[""].sum()
+        if problem.loading.temperature is not None:
+            owed["temperature change"] += np.sum(gradient.temperature * problem.loading.temperature.change)
         for load in body.loads_in(problem.loading):
             owed[f"{load.kind} on {load.face!r}"] += np.sum(gradient.load * load.forces)
     known = {name: value for name, value in owed.items() if not name.startswith("motion")}

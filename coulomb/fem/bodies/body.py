@@ -151,6 +151,15 @@ class ElasticBody(DisplacementSpace):
         kelvin."""
         return self._assemble(fem.form(ufl.inner(self._thermal_stress(change), strain(self._test)) * self._dx))
 
+    def thermal_work(self, u: FloatArray, v: FloatArray, change: FloatArray) -> FloatArray:
+        """Derivatives, along a change of temperature (k,) of this rank's nodes, of the work of the forces that it
+        exerts at u along v (k, 3), joules per kelvin, shape (k,), here whatever u and the change are; collective."""
+        along = strain(self.function(v, "displacement"))
+        per_kelvin = ufl.inner(self._stress_of_kelvin(1.0), along)
+        if self._mean is not None:
+            per_kelvin = self._mean_in_cells(per_kelvin)
+        return self._assemble(fem.form(per_kelvin * self._test[0] * self._dx))[:, 0]
+
     def thermal_displacement(self, change: FloatArray) -> float:
         """Displacement in metres along which the `thermal_force` of a change (k,) does the energy of the thermal
         strain: the scale of displacements of a heated body, also where walls hold it; collective."""
@@ -239,10 +248,11 @@ class ElasticBody(DisplacementSpace):
         return _tensor([sum(C[min(i, j), max(i, j)] * doubled[j] for j in range(6)) for i in range(6)])
 
     def _thermal_stress(self, change: FloatArray) -> Any:
-        assert self._per_kelvin is not None
         kelvin = self._kelvin(change)
-        if self._mean is not None:
-            kelvin = self._mean_in_cells(kelvin)
+        return self._stress_of_kelvin(kelvin if self._mean is None else self._mean_in_cells(kelvin))
+
+    def _stress_of_kelvin(self, kelvin: Any) -> Any:
+        assert self._per_kelvin is not None
         if self._stiffness is None:
             return self._per_kelvin * kelvin * ufl.Identity(3)
         return _tensor([self._per_kelvin[k] * kelvin for k in range(6)])

@@ -5,9 +5,9 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import cached_property, reduce
 from operator import add
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,7 @@ from ..compat import fem, ufl
 from ..geometry import Amplitude, Field, Turn, evaluate_amplitude
 from ..meshes import NamedMesh
 from .body import cell_measure
+from .compiled_form import CompiledForm, compiled, with_own_degrees
 from .constraints import HeldDirections
 from .elasticity import LoadedBody
 from .elimination import Made
@@ -134,7 +135,7 @@ class HyperelasticBody(NonlinearBody):
         q = elastic(invariants(F), stretch)
         known = [ufl.variable(one) for one in q]
         density = self._density(laws, known) * (1.0 if stretch is None else stretch**3)
-        energy = density * dx
+        self._energy_density, energy = density, density * dx
         for volume in self._volumes:
             density += volume.tension * known[volume.invariant]
         by_q = [ufl.diff(density, one) for one in known]
@@ -272,8 +273,8 @@ class HyperelasticBody(NonlinearBody):
         expansion = material_of_cells(mesh, materials, heated=True).expansion
         assert expansion is not None
         self._change = thermal.change(loaded, mesh)
-        kelvin = loaded.function(np.repeat(self._change[:, None], 3, axis=1), "temperature")[0]
-        return 1.0 + self._amplitude * loaded._on_cells(expansion, "expansion") * kelvin
+        self._kelvin = loaded.function(np.repeat(self._change[:, None], 3, axis=1), "temperature")
+        return 1.0 + self._amplitude * loaded._on_cells(expansion, "expansion") * self._kelvin[0]
 
     def _value(self, load: Pressure, facets: npt.NDArray[np.int32]) -> Any:
         """The pressure at amplitude 1, a scalar of UFL, from its nodal values."""
@@ -397,6 +398,30 @@ class HyperelasticBody(NonlinearBody):
         return self.integrals_in_cells(
             ufl.replace(self._power, {self._displacement: of, self._virtual: along}), self._dx
         )
+
+    def thermal_rates(self) -> tuple[FloatArray, float]:
+        """Derivatives, along the logarithm of the temperature's change, of the forces that it exerts at the place,
+        newtons, shape (k, 3), and of the strain energy there, joules; collective."""
+        self._set(self.place.loading.time)
+        self._evaluate_at(self.place.u)
+        forces, energy = cast(HyperelasticBody, self.undeformed)._of_temperature
+        return -forces.vector(), energy.number(self.comm)
+
+    @cached_property
+    def _of_temperature(self) -> tuple[CompiledForm, CompiledForm]:
+        forms = (with_own_degrees(one * self._dx) for one in (self._power, self._energy_density))
+        rates = (self._at_function(ufl.derivative(one, self._kelvin, self._kelvin)) for one in forms)
+        return next(rates), next(rates)
+
+    def thermal_work(self, u: FloatArray, v: FloatArray, change: FloatArray) -> FloatArray:
+        """Derivatives, along a change of temperature (k,) of this rank's nodes, of the work of the forces that it
+        exerts at a displacement u along v (k, 3), joules per kelvin, shape (k,); collective."""
+        kelvin = self.function(np.repeat(change[:, None], 3, axis=1))
+        at = {self._amplitude: fem.Constant(self.domain, 1.0), self._kelvin: kelvin}
+        at |= {self._displacement: self.function(u), self._virtual: self.function(v)}
+        work = ufl.replace(with_own_degrees(self._power * self._dx), at)
+        per_kelvin = compiled(ufl.derivative(work, kelvin, self._test), "temperature", self.comm)
+        return -per_kelvin.vector()[:, 0]
 
     def cell_fields(self, u: Any, loading: Loading) -> list[Any]:
         """Cauchy stresses at the cells' midpoints, and the constants of the materials."""
