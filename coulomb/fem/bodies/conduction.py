@@ -230,7 +230,7 @@ class Conduction:
         """The rows of the nodes of a body, W/K, shape (its nodes here, nodes of all bodies)."""
         body = member.body
         if not isinstance(body, LoadedBody) or body.materials is None:
-            raise ValueError("heat: bodies of the user's own forms conduct no heat: give a mesh and materials")
+            raise ValueError("heat: in small strains bodies of a mesh and materials conduct it, own forms do not")
         k = body._on_cells(constant_of_cells(body.mesh, body.materials, "conductivity"), "conductivity")
         V = _scalars(member)
         T, v = ufl.TrialFunction(V), ufl.TestFunction(V)
