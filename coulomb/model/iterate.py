@@ -17,9 +17,9 @@ from ..fem.bodies import (
     End,
     JoinedBodies,
     NonlinearBody,
-    nearest_turn,
     nonlinear,
     rigid_modes,
+    turn_of,
 )
 from ..fem.contact import ContactSurface, FaceMotion, foot_points, springs_at
 from ..fem.geometry import RigidFoundation, moved, spin
@@ -370,13 +370,25 @@ def balanced_load(body: Deformable, residual: FloatArray, over: Reductions) -> F
 
 def rigid_part(body: Deformable, u: FloatArray, over: Reductions) -> FloatArray:
     """The displacement (k, 3) of the rigid motions, with finite rotations, that are nearest to a displacement u (k, 3)
-    of bodies at their deformed place (Kabsch 1976): without it the work of internal forces along a displacement does
-    not depend on how far a body has turned; collective."""
-    rigid = np.zeros_like(u)
-    for here in components(body, over):
-        x = body.x[here] - u[here]
-        from_, to, turn = nearest_turn(x, body.x[here], body.comm)
-        rigid[here] = to + (x - from_) @ turn.T - x
+    of bodies at their deformed place: without it the work of internal forces along a displacement does not depend on
+    how far a body has turned; collective.
+
+    The rotations are nearest to the turns of the cells, each about its own middle (Kabsch 1976): an arch that snaps
+    through is, as a whole, nearest to the arch turned over.
+    """
+    before, component = body.x - u, body.component
+    parts = 1 + int(over.max(component.astype(np.float64)))
+    products, rigid = np.zeros((parts, 3, 3)), np.zeros_like(u)
+    for member in body.members:
+        one, nodes = nonlinear(member.body), member.nodes
+        owner = one.in_cells_of(np.repeat(component[nodes][:, None].astype(np.float64), 3, axis=1))[:, 0, 0]
+        x, y = (of - of.mean(axis=1, keepdims=True) for of in map(one.in_cells_of, (before[nodes], body.x[nodes])))
+        np.add.at(products, owner.astype(np.int64), np.einsum("cni,cnj->cij", x, y))
+    turns = map(turn_of, over.total(products.ravel()).reshape(-1, 3, 3))
+    for here, turn in zip(components(body, over), turns, strict=True):
+        x, y = before[here], body.x[here]
+        count, from_, to = over.totals(np.array(float(len(x))), x.sum(axis=0), y.sum(axis=0))
+        rigid[here] = to / count + (x - from_ / count) @ turn.T - x
     return rigid
 
 

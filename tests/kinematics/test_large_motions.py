@@ -4,13 +4,17 @@ import pickle
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from rubber_blocks import LAME, MU, RubberBlock, side, stress
 from scipy.optimize import brentq
 
 import coulomb
 from coulomb.fem.compat import fem, mesh, ufl
 from coulomb.fem.contact.slip import _along_arc as along_arc
+from coulomb.fem.geometry.rotations import rotation_matrix
 from coulomb.kinematics import LargeMotions, NonlinearBody, mooney_rivlin, neo_hookean
+from coulomb.linalg.reductions import Reductions
+from coulomb.model.iterate import rigid_part
 from coulomb.model.load_history import StepFailed
 
 
@@ -283,3 +287,20 @@ def test_wrong_input():
     with pytest.raises(ValueError, match="large motions need NonlinearBody"):
         mesh = coulomb.box((1.0, 1.0, 1.0), (1, 1, 1))
         LargeMotions(coulomb.Elasticity(mesh, coulomb.Material(1e6, 0.3), []), coulomb.Contact("bottom", friction=0.3))
+
+
+def test_the_turn_of_a_body_is_that_of_its_cells():
+    """A flat arch that snaps through has not turned, though the arch turned over by its span is nearer; one that turns
+    by any angle has."""
+
+    def arch(x):
+        return np.column_stack([x[:, 0], 0.1 * x[:, 1], 0.05 * x[:, 2] + 0.2 * np.sin(np.pi * x[:, 0])])
+
+    one = RubberBlock(cells=(8, 1, 1), shape=arch)
+    x, over = one.body.reference, Reductions(MPI.COMM_WORLD)
+    snapped = np.zeros_like(x)
+    snapped[:, 2] = -0.4 * np.sin(np.pi * x[:, 0])
+    still = rigid_part(one.body.linearised(snapped, 0.0), snapped, over)
+    assert still == pytest.approx(np.tile(snapped.mean(axis=0), (len(x), 1)), abs=1e-12)
+    turned = x @ rotation_matrix(np.array([0.0, np.radians(170.0), 0.0])).T - x
+    assert rigid_part(one.body.linearised(turned, 0.0), turned, over) == pytest.approx(turned, abs=1e-12)

@@ -90,11 +90,11 @@ from .rigid_modes import (
     direction_in_words,
     displacements_of,
     in_units,
-    nearest_turn,
     null_space,
     of_components,
     of_part,
     rigid_modes,
+    turn_of,
 )
 from .slice_supports import rigid_faces_of_slices, supports_of_slices
 from .stress_difference import StressDifference, stress_difference

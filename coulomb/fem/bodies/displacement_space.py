@@ -158,6 +158,12 @@ class DisplacementSpace:
         values = lagrange_values(cell, degree, lagrange_points(cell, self.degree))
         return np.einsum("ac,kci->kai", np.round(values, 12), x)
 
+    def in_cells_of(self, vectors: FloatArray) -> FloatArray:
+        """Nodal vectors (k, 3) at the nodes of the cells that this rank owns, shape (c, n, 3); collective."""
+        cells = compat.cell_dofs(self.V)[: self.domain.topology.index_map(3).size_local]
+        at_nodes: FloatArray = self.function(vectors).x.array.reshape(-1, 3)[cells]
+        return at_nodes
+
     def in_a_cell(self) -> FloatArray:
         """The middle of a cell that each of this rank's nodes belongs to, the mean of its nodes, metres, shape (k, 3):
         by it nodes at one place are told apart."""

@@ -156,9 +156,14 @@ def nearest_turn(x: FloatArray, y: FloatArray, comm: MPI.Comm) -> tuple[FloatArr
     both, (3,), and the rotation R, (3, 3) (Kabsch 1976); collective."""
     count = comm.allreduce(len(x), op=MPI.SUM)
     from_, to = comm.allreduce(np.array([x.sum(axis=0), y.sum(axis=0)]), op=MPI.SUM) / count
-    left, _, right = np.linalg.svd(comm.allreduce((x - from_).T @ (y - to), op=MPI.SUM))
+    return from_, to, turn_of(comm.allreduce((x - from_).T @ (y - to), op=MPI.SUM))
+
+
+def turn_of(products: FloatArray) -> FloatArray:
+    """The rotation R that is nearest to a motion from x to y, both about their means, by the sum of x y^T, (3, 3)."""
+    left, _, right = np.linalg.svd(products)
     turn: FloatArray = right.T @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ left.T
-    return from_, to, turn
+    return turn
 
 
 @dataclass(frozen=True, eq=False)
