@@ -14,7 +14,7 @@ import numpy.typing as npt
 from ...arrays import FloatArray, IntArray
 from ...regular_file import read_bytes
 from .lagrange import CORNERS, in_vtk_order
-from .mesh_file import A_SLICE, MeshFile, SectionFile, members_of, refuse_cells
+from .mesh_file import A_SLICE, MeshFile, SectionFile, among_all, members_of, refuse_cells
 from .one_kind import of_one_kind
 
 NODES = {
@@ -60,18 +60,10 @@ def read(path: str, only: str | None = None) -> MeshFile:
         ValueError: If it is no such file, cut short, or has no cells that can be used.
     """
     names, tags, points, elements = _parsed(path)
-    types = _cell_types(path, elements)
     numbers = partial(_places, path, tags)
-
-    blocks, of_cells, count = dict[int, IntArray](), dict[str, list[IntArray]](), 0
-    for kind in types:
-        cells, members = _join(elements[kind], NODES[kind], names, 3)
-        rows = numbers(cells)
-        blocks[NODES[kind]] = rows[:, list(_IN_VTK[kind])] if kind in _IN_VTK else _in_vtk_order(rows)
-        for name, mine in members.items():
-            of_cells.setdefault(name, []).append(count + mine)
-        count += len(cells)
-    groups_of = {name: np.concatenate(parts) for name, parts in of_cells.items()}
+    joined = {kind: _join(elements[kind], NODES[kind], names, 3) for kind in _cell_types(path, elements)}
+    blocks = {NODES[kind]: _in_vtk_order(numbers(cells), kind) for kind, (cells, _) in joined.items()}
+    groups_of = among_all((len(cells), members) for cells, members in joined.values())
     found = of_one_kind(path, points, blocks, members_of(path, groups_of, only))
     of_faces: dict[str, list[IntArray]] = {}
     for width in found.shapes:
@@ -94,20 +86,14 @@ def read_section(path: str) -> SectionFile:
     names, tags, points, elements = _parsed(path)
     if solid := sorted(kind for kind in elements if kind in _NAMES):
         raise ValueError(f"{path}: has {_NAMES[solid[0]]}, but a slice is made of a mesh in 2D")
-    blocks, of_cells, count = dict[int, IntArray](), dict[str, list[IntArray]](), 0
-    for kind in (one for one in _SECTIONS if one in elements):
-        cells, members = _join(elements[kind], NODES[kind], names, 2)
-        blocks[NODES[kind]] = _places(path, tags, cells)
-        for name, mine in members.items():
-            of_cells.setdefault(name, []).append(count + mine)
-        count += len(cells)
+    joined = {NODES[kind]: _join(elements[kind], NODES[kind], names, 2) for kind in _SECTIONS if kind in elements}
     ends = [(groups, rows[:, :2]) for kind in _LINES for groups, rows in elements.get(kind, [])]
     lines, on_lines = _join(ends, 2, names, 1)
     return SectionFile(
         path,
         points,
-        blocks,
-        {name: np.concatenate(parts) for name, parts in of_cells.items()},
+        {width: _places(path, tags, cells) for width, (cells, _) in joined.items()},
+        among_all((len(cells), members) for cells, members in joined.values()),
         {name: _places(path, tags, lines[mine]) for name, mine in on_lines.items()},
         numbers=tags,
     )
@@ -131,7 +117,9 @@ def _places(path: str, tags: IntArray, nodes: IntArray) -> IntArray:
     return order[place]
 
 
-def _in_vtk_order(cells: IntArray) -> IntArray:
+def _in_vtk_order(cells: IntArray, kind: int) -> IntArray:
+    if kind in _IN_VTK:
+        return cells[:, list(_IN_VTK[kind])]
     return in_vtk_order(cells, "gmsh") if cells.shape[1] in CORNERS else cells
 
 

@@ -8,17 +8,17 @@ with either.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, TypeVar
 
 import h5py
 import numpy as np
 
-from ...arrays import IntArray
+from ...arrays import FloatArray, IntArray
 from ...regular_file import refuse_irregular
 from .lagrange import in_vtk_order
-from .mesh_file import MeshFile, SectionFile, members_of, solid_nodes
+from .mesh_file import MeshFile, SectionFile, among_all, members_of, solid_nodes
 from .one_kind import READ, of_one_kind
 
 _SOLIDS = {
@@ -73,54 +73,60 @@ def _read(path: str, of: Callable[[str, Any, Any, Any], Found]) -> Found:
 def _section(path: str, mesh: Any, families: Any, elements: Any) -> SectionFile:
     if solid := [kind for kind in elements if kind in _SOLIDS]:
         raise ValueError(f"{path}: has elements in 3D ({', '.join(solid)}), but a slice is made of a mesh in 2D")
-    of_elements = _groups(families["ELEME"]) if "ELEME" in families else {}
-    of_nodes = _groups(families["NOEUD"]) if "NOEUD" in families else {}
-    points, cells, count = _table(mesh["NOE"]["COO"]).astype(np.float64), dict[int, IntArray](), 0
-    groups: tuple[dict[str, list[IntArray]], dict[str, list[IntArray]]] = {}, {}
-    for kind, width in _SECTIONS.items():
-        if kind in elements:
-            cells[width] = _table(elements[kind]["NOD"]) - 1
-            for name, rows in _members(elements[kind], len(cells[width]), of_elements).items():
-                groups[0].setdefault(name, []).append(count + rows)
-            count += len(cells[width])
-    for kind in (one for one in _LINES if one in elements):
-        ends = _table(elements[kind]["NOD"])[:, :2] - 1
-        for name, rows in _members(elements[kind], len(ends), of_elements).items():
-            groups[1].setdefault(name, []).append(ends[rows])
-    of_cells, of_lines = ({name: np.concatenate(parts) for name, parts in of.items()} for of in groups)
-    numbers = np.asarray(mesh["NOE"]["NUM"], dtype=np.int64) if "NUM" in mesh["NOE"] else None
-    return SectionFile(path, points, cells, of_cells, of_lines, _members(mesh["NOE"], len(points), of_nodes), numbers)
+    of_elements, points, nodes = _of_all(mesh, families)
+    cells, of_cells = _blocks(elements, {kind: n for kind, n in _SECTIONS.items() if kind in elements}, of_elements)
+    of_lines = {name: np.concatenate(parts) for name, parts in _facets(elements, _LINES, 2, of_elements).items()}
+    return SectionFile(path, points, cells, of_cells, of_lines, *nodes)
 
 
 def _mesh(only: str | None, path: str, mesh: Any, families: Any, elements: Any) -> MeshFile:
-    points = _table(mesh["NOE"]["COO"]).astype(np.float64)
+    of_elements, points, nodes = _of_all(mesh, families)
     if points.shape[1] != 3:
         raise ValueError(f"{path}: has points in {points.shape[1]}D, but a body in 3D is needed")
-
     counts = {_SOLIDS[kind]: count for kind in elements if kind in _SOLIDS and (count := _count(elements[kind]))}
     if not counts or set(counts) - READ - {27}:
         solid_nodes(path, counts, sum(_count(elements[kind]) for kind in elements if kind in _SURFACES))
-    kinds = [kind for kind, width in _SOLIDS.items() if width in counts]
-    blocks = {_SOLIDS[kind]: _table(elements[kind]["NOD"]) - 1 for kind in kinds}
-    of_elements = _groups(families["ELEME"]) if "ELEME" in families else {}
-    of_nodes = _groups(families["NOEUD"]) if "NOEUD" in families else {}
-    of_cells, first = dict[str, list[IntArray]](), 0
-    for kind, rows in zip(kinds, blocks.values(), strict=True):
-        for group, members in _members(elements[kind], len(rows), of_elements).items():
-            of_cells.setdefault(group, []).append(first + members)
-        first += len(rows)
-    groups = {group: np.concatenate(parts) for group, parts in of_cells.items()}
+    blocks, groups = _blocks(elements, {kind: n for kind, n in _SOLIDS.items() if n in counts}, of_elements)
     if 27 in blocks:
         blocks[27] = in_vtk_order(blocks[27], "med")
     found = of_one_kind(path, points, blocks, members_of(path, groups, only))
     of_faces: dict[str, list[IntArray]] = {}
     for corners in found.shapes:
-        for face in set(_FACES[corners]) & set(elements):
-            facets = _table(elements[face]["NOD"])[:, :corners] - 1
-            for group, members in _members(elements[face], len(facets), of_elements).items():
-                of_faces.setdefault(group, []).append(facets[members])
-    numbers = np.asarray(mesh["NOE"]["NUM"], dtype=np.int64) if "NUM" in mesh["NOE"] else None
-    return found.file(path, groups, of_faces, _members(mesh["NOE"], len(points), of_nodes), numbers)
+        for group, parts in _facets(elements, _FACES[corners], corners, of_elements).items():
+            of_faces.setdefault(group, []).extend(parts)
+    return found.file(path, groups, of_faces, *nodes)
+
+
+_Nodes = tuple[dict[str, IntArray], IntArray | None]
+
+
+def _of_all(mesh: Any, families: Any) -> tuple[dict[int, list[str]], FloatArray, _Nodes]:
+    """The groups of families of elements; points, their groups, and their numbers if there are any."""
+    of_elements, of_nodes = (_groups(families[of]) if of in families else {} for of in ("ELEME", "NOEUD"))
+    nodes, points = mesh["NOE"], _table(mesh["NOE"]["COO"]).astype(np.float64)
+    numbers = np.asarray(nodes["NUM"], dtype=np.int64) if "NUM" in nodes else None
+    return of_elements, points, (_members(nodes, len(points), of_nodes), numbers)
+
+
+def _blocks(
+    elements: Any, kinds: Mapping[str, int], groups: dict[int, list[str]]
+) -> tuple[dict[int, IntArray], dict[str, IntArray]]:
+    """Elements of these kinds by their number of nodes, and the members of groups among all."""
+    blocks = {width: _table(elements[kind]["NOD"]) - 1 for kind, width in kinds.items()}
+    sizes = {kind: len(blocks[width]) for kind, width in kinds.items()}
+    return blocks, among_all((count, _members(elements[kind], count, groups)) for kind, count in sizes.items())
+
+
+def _facets(
+    elements: Any, kinds: Sequence[str], corners: int, groups: dict[int, list[str]]
+) -> dict[str, list[IntArray]]:
+    """Corners of the elements of these kinds in every group."""
+    found: dict[str, list[IntArray]] = {}
+    for kind in (one for one in kinds if one in elements):
+        rows = _table(elements[kind]["NOD"])[:, :corners] - 1
+        for name, members in _members(elements[kind], len(rows), groups).items():
+            found.setdefault(name, []).append(rows[members])
+    return found
 
 
 def _only(path: str, group: Any, what: str) -> str:

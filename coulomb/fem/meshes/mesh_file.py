@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -131,6 +131,16 @@ class SectionFile:
 def not_empty(groups: Mapping[str, IntArray]) -> dict[str, IntArray]:
     """Groups that have members."""
     return {name: rows for name, rows in groups.items() if len(rows)}
+
+
+def among_all(blocks: Iterable[tuple[int, Mapping[str, IntArray]]]) -> dict[str, IntArray]:
+    """The members of every group among the elements of all blocks: of each their number, and the members in it."""
+    found, first = dict[str, list[IntArray]](), 0
+    for count, groups in blocks:
+        for name, rows in groups.items():
+            found.setdefault(name, []).append(first + rows)
+        first += count
+    return {name: np.concatenate(parts) for name, parts in found.items()}
 
 
 def members_of(path: str, groups: Mapping[str, IntArray], name: str | None) -> IntArray | None:

@@ -17,11 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray, IntArray, distinct, rows_among
-from .lagrange import CORNERS, nodes_between
+from ...decks.geometry import CORNERS, SIDES
+from .lagrange import nodes_between
 from .mesh_file import MeshFile
 from .mesh_parts import places
-
-_CORNERS: Final = {4: 4, 10: 4, 5: 5, 13: 5, 6: 6, 15: 6, 8: 8, 20: 8, 27: 8}
 
 READ: Final = frozenset((4, 5, 6, 8, 10, 13, 15, 20))
 """Numbers of nodes of cells that formats with VTK's order of nodes may have, besides 27."""
@@ -33,14 +32,6 @@ _EDGES: Final = {
     8: ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
 }
 """Corners of the edges in whose middles second-order cells have their further nodes, in their order (VTK, Abaqus)."""
-
-_FACES: Final = {
-    4: ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
-    5: ((0, 1, 2, 3), (0, 4, 1), (1, 4, 2), (2, 4, 3), (3, 4, 0)),
-    6: ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),
-    8: ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
-}
-"""Corners of the faces, in order round each."""
 
 
 @dataclass(eq=False)
@@ -146,7 +137,7 @@ def of_one_kind(
             used[rows] = True
         return replace(found, source=np.flatnonzero(np.concatenate(inside))[found.source], used=used)
     blocks = {width: rows for width, rows in blocks.items() if len(rows)}
-    second = {width for width in blocks if width != _CORNERS[width]}
+    second = {width for width in blocks if width != CORNERS[width]}
     if second and len(second) < len(blocks):
         raise ValueError(
             f"{path}: one body has cells of first and of second order ({', '.join(map(str, sorted(blocks)))} nodes): "
@@ -162,7 +153,7 @@ def of_one_kind(
         return OneKind(made.points, cells, sources, made.of)
     parts, origin, first = [], [], 0
     for width, rows in blocks.items():
-        tetrahedra, of = _tetrahedra(rows[:, : _CORNERS[width]])
+        tetrahedra, of = _tetrahedra(rows[:, : CORNERS[width]])
         parts.append(tetrahedra)
         origin.append(first + of)
         first += len(rows)
@@ -186,7 +177,7 @@ def _tetrahedra(cells: IntArray) -> tuple[IntArray, IntArray]:
     smallest = np.argmin(cells, axis=1)
     for apex in range(cells.shape[1]):
         mine = np.flatnonzero(smallest == apex)
-        for face in _FACES[cells.shape[1]]:
+        for face in SIDES[cells.shape[1]]:
             if apex in face or not len(mine):
                 continue
             rows = cells[mine][:, list(face)]
@@ -213,9 +204,9 @@ class _Middles:
         self.of: list[tuple[IntArray, IntArray]] = []
         pairs, between = [], []
         for width, rows in blocks.items():
-            for column, edge in enumerate(_EDGES[_CORNERS[width]]):
+            for column, edge in enumerate(_EDGES[CORNERS[width]]):
                 pairs.append(rows[:, list(edge)])
-                between.append(rows[:, _CORNERS[width] + column])
+                between.append(rows[:, CORNERS[width] + column])
         self._edges, self._between = _unique(np.vstack(pairs), np.concatenate(between))
         self._faces, self._centres = self._quadrilaterals(blocks)
         self._cells, self._bodies = self._hexahedra(blocks)
@@ -234,7 +225,7 @@ class _Middles:
         old: list[IntArray] = [np.empty(0, dtype=np.int64)]
         wanted: list[IntArray] = []
         for width, rows in blocks.items():
-            faces = [face for face in _FACES[_CORNERS[width]] if len(face) == 4]
+            faces = [face for face in SIDES[CORNERS[width]] if len(face) == 4]
             if width == 27:
                 for column, corners in nodes_between(27):
                     if len(corners) == 4:
