@@ -11,7 +11,7 @@ from conftest import ROOT
 from typer.testing import CliRunner
 
 from benchmarks import peers, refinement
-from benchmarks.__main__ import app, table
+from benchmarks.__main__ import app
 from benchmarks.cluster import cells_per_metre
 from benchmarks.peers import OURS, Row, Skipped
 from benchmarks.peers.answer import Figures
@@ -19,6 +19,7 @@ from benchmarks.refinement import Row as RefinedRow
 from benchmarks.refinement import beside
 from benchmarks.scaling import Row as ScalingRow
 from benchmarks.scaling import exponent
+from benchmarks.tables import table
 
 MEASURED = ROOT / "benchmarks" / "measured"
 
