@@ -139,10 +139,10 @@ class Deformable(ReducedBodies):
         """The directions that supports hold at a time; collective."""
         return self.held
 
-    @abstractmethod
     def at(self, time: float) -> Loading:
         """Loads and prescribed displacements at a time; ValueError on every rank if they are not finite then;
         collective."""
+        return self.after(time, None)
 
     def refuse_beginning(self, time: float) -> None:
         """Raise ValueError on every rank if what supports prescribe at a time depends on load steps before."""

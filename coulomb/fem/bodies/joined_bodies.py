@@ -8,7 +8,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
-from typing import Any, NamedTuple, TypeVar, cast, overload
+from typing import Any, TypeVar, cast, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -39,21 +39,6 @@ Kind = TypeVar("Kind", bound=LoadedBody | SingleBody)
 NOTHING = (0.0, 0.0, 0.0)
 
 
-class BodyArguments(NamedTuple):
-    """What one body is made of: the arguments of `LoadedBody` and of `Elasticity`, in their order."""
-
-    mesh: NamedMesh
-    materials: Materials
-    clamps: Sequence[Support]
-    tractions: Sequence[Load] = ()
-    body_force: Field = NOTHING
-    springs: Sequence[Spring] = ()
-    body_force_amplitude: Amplitude = 1.0
-    gravity: Sequence[float] = NOTHING
-    gravity_amplitude: Amplitude = 1.0
-    thermal: ThermalLoad | None = None
-
-
 def distributed_bodies(
     mesh: JoinedMesh,
     materials: Materials,
@@ -67,8 +52,8 @@ def distributed_bodies(
     temperature: Temperatures | Mapping[str, Temperatures] | None = None,
     reference_temperature: float = 0.0,
     temperature_amplitude: Amplitude = 1.0,
-) -> dict[str, BodyArguments]:
-    """Everything that is given for several bodies, by the name of the body.
+) -> dict[str, dict[str, Any]]:
+    """Everything that is given for several bodies, by the name of the body: of each the arguments of `LoadedBody`.
 
     Materials are one for all, or a mapping of "lower", or of groups of cells as "lower:steel"; supports, loads and
     springs are on faces "body:face"; body force, gravity and temperature of all bodies, or mappings of names of bodies;
@@ -87,27 +72,27 @@ def distributed_bodies(
     bodies = {}
     for name, one in mesh.bodies.items():
         heat = temperatures.get(name)
-        bodies[name] = BodyArguments(
-            mesh=one,
-            materials=of_material[name],
-            clamps=held[name],
-            tractions=loaded[name],
-            body_force=forces.get(name, NOTHING),
-            springs=sprung[name],
-            body_force_amplitude=body_force_amplitude,
-            gravity=weights.get(name, NOTHING),
-            gravity_amplitude=gravity_amplitude,
-            thermal=None if heat is None else ThermalLoad(heat, reference_temperature, temperature_amplitude),
-        )
+        bodies[name] = {
+            "mesh": one,
+            "materials": of_material[name],
+            "clamps": held[name],
+            "tractions": loaded[name],
+            "body_force": forces.get(name, NOTHING),
+            "springs": sprung[name],
+            "body_force_amplitude": body_force_amplitude,
+            "gravity": weights.get(name, NOTHING),
+            "gravity_amplitude": gravity_amplitude,
+            "thermal": None if heat is None else ThermalLoad(heat, reference_temperature, temperature_amplitude),
+        }
     return bodies
 
 
-def build_bodies(kind: Callable[..., Kind], bodies: Mapping[str, BodyArguments]) -> dict[str, Kind]:
+def build_bodies(kind: Callable[..., Kind], bodies: Mapping[str, Mapping[str, Any]]) -> dict[str, Kind]:
     """Every body as an object of a kind, as `Elasticity`; errors with the name of the body; collective."""
     found = {}
     for name, given in bodies.items():
         try:
-            found[name] = kind(*given)
+            found[name] = kind(**given)
         except ValueError as error:
             raise ValueError(f"body {name!r}: {error}") from None
     return found
@@ -385,9 +370,6 @@ class JoinedBodies(Deformable):
         for member in self._members:
             member.body.refuse_beginning(time)
         self.constraints.refuse_beginning(time)
-
-    def at(self, time: float) -> Loading:
-        return self.after(time, None)
 
     def after(self, time: float, before: End | None) -> Loading:
         parts = tuple(one.body.after(time, before and before.of(one.nodes)) for one in self._members)

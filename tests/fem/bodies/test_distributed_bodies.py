@@ -1,5 +1,7 @@
 """Materials, supports and loads of several bodies, distributed to them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -33,7 +35,7 @@ def test_everything_reaches_its_body(mesh):
         reference_temperature=5.0,
         temperature_amplitude=4.0,
     )
-    lower, upper = given["lower"], given["upper"]
+    lower, upper = (SimpleNamespace(**given[name]) for name in ("lower", "upper"))
     assert lower.materials == {"core": RUBBER} and upper.materials is STEEL
     assert [type(c) for c in lower.clamps] == [Clamp, Clamp] and [c.face for c in lower.clamps] == ["left", "bottom"]
     assert lower.clamps[0].components == "xy" and [c.face for c in upper.clamps] == ["right", "left"]
