@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import logging
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, cached_property, partial
 from typing import Any, Final
@@ -17,7 +15,7 @@ from ..arrays import FloatArray
 from ..case.case import Case
 from ..case.scaled import NotScaled, lengths, scaled
 from ..io.error_bars import ComparisonHistories, error_of
-from ..io.other_meshes import NoErrorBars
+from ..io.other_meshes import NoErrorBars, without_remarks
 from ..linalg.reductions import Reductions
 from ..model.load_history import StepFailed
 from ..model.load_step import LoadStep
@@ -106,24 +104,12 @@ class Sensitivities:
 
         @cache
         def posed(name: str, factor: float) -> ContactProblem:
-            with _quietly():
+            with without_remarks():
                 return scaled(self._settings, name, factor).problem(comm)
 
         if not self._posed:
             self._posed = {name: partial(posed, name) for name in lengths(self._settings)}
         return self._posed
-
-
-@contextmanager
-def _quietly() -> Iterator[None]:
-    """Without the library's warnings and messages, which the case as it is has had."""
-    library = logging.getLogger("coulomb")
-    level = library.level
-    library.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        library.setLevel(level)
 
 
 _FARTHEST: Final = 0.01
@@ -180,7 +166,7 @@ class TaylorTest:
     def _answer(self, case: Case) -> FloatArray:
         """The contact forces of a case at the time of the answer."""
         tolerance = min(case.solver.tolerance, _ACCURACY)
-        with _quietly():
+        with without_remarks():
             problem = case.problem(self._like.problem.comm)
             if case.history is None:
                 return problem.solve(tolerance, case.contact_solver()).contact_force

@@ -65,7 +65,7 @@ def refuse_too_large(problem: ContactProblem) -> None:
 
 @contextmanager
 def without_remarks() -> Iterator[None]:
-    """Remarks on input and answer are about the mesh of the answer."""
+    """Remarks on input and answer are about the mesh, or the case, of the answer."""
     log = logging.getLogger(__package__.partition(".")[0])
     level = log.level
     log.setLevel(logging.ERROR)
