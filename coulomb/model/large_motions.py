@@ -159,7 +159,8 @@ class LoadStepLoop:
         return State.beginning(self.time, len(self.elasticity.x), len(self.shared.points.nodes))
 
     def _on_stable_branch(self, answer: Solution, state: State, tolerance: float, solve: _Solve) -> Solution:
-        """From an unstable answer along its mode, to either side, to a stable one."""
+        """From an unstable answer along its mode, to either side, to one that is unstable in fewer directions, until it
+        is stable: a column that may buckle to any side is led to one that its mesh prefers."""
         found = answer.stability
         if found is None or not found.unstable:
             return answer
@@ -173,8 +174,8 @@ class LoadStepLoop:
                     raise
                 _log.debug("along the mode by %g: %s", side * part * size, failure)
                 continue
-            if other.stability is not None and not other.stability.unstable:
-                return other
+            if other.stability is not None and other.stability.unstable < found.unstable:
+                return self._on_stable_branch(other, state, tolerance, solve)
         raise self._cut(
             f"its equilibrium is unstable in {found.unstable} directions, and none that is stable was found along the "
             "mode: the body snaps far away"
