@@ -108,10 +108,11 @@ def missed(
     faces: Sequence[FaceSamples],
 ) -> FloatArray:
     """How deep the surfaces for which facets stand may be in what is opposite, of faces that press nowhere: the chord
-    beyond the mean gap that is left at the corners of a facet, metres, shape (faces,); collective."""
+    beyond the mean gap that is left at the corners of a facet, or by how much what is opposite may be nearer to a
+    contact point beyond the gap there, metres, shape (faces,); collective."""
     comm, left = answer.comm, answer.gap - answer.relative_displacement[:, 0]
     parts, x, gaps, chords, pressed = (
-        np.concatenate(comm.allgather(of)) for of in (answer.part, answer.x, left, answer.chord[:, 0], pressing)
+        np.concatenate(comm.allgather(of)) for of in (answer.part, answer.x, left, answer.chord, pressing)
     )
 
     def spreads() -> FloatArray:
@@ -128,10 +129,11 @@ def missed(
                 here = np.all(among(face.corners, x[at]), axis=1)
                 node = tree_of(x[at]).query(face.corners[here])[1]
                 if of is None:
-                    chord = chords[at][node].min(axis=1, initial=np.inf)
+                    chord = chords[at, 0][node].min(axis=1, initial=np.inf)
                 else:
                     chord = np.minimum(face.bend(of.signed_distance)[here], spread[k])
-                depth = np.max(chord - gaps[at][node].mean(axis=1), initial=0.0)
+                nearer = np.max(chords[at, 2] - gaps[at], initial=0.0, where=chords[at, 2] > 0.0)
+                depth = np.max(chord - gaps[at][node].mean(axis=1), initial=nearer)
                 found[k] = depth if depth > NOISE * np.max(np.ptp(x[at], axis=0)) else 0.0
         return found
 

@@ -105,7 +105,7 @@ class NodalAnswer:
             orthotropic.  Components along them are such that forces on the body are -B^T x and displacements B u.
         gap: Before deformation, shape (m,).
         given_gap: The part of it that is given beside the distance to the foundation, shape (m,).
-        chord: As `ContactSurface.chord`, shape (m, 2).
+        chord: As `ContactSurface.chord`, shape (m, 3).
         area: In m^2, shape (m,).
         slip_origin: Displacement from which slip is measured, along n, t1, t2, shape (m, 3).
         displacement: Along n, t1, t2, shape (m, 3).

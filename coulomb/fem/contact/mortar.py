@@ -207,7 +207,7 @@ class MortarRows:
         normal: Mean outward unit normal of the slave, shape (m, 3).
         x: Where the force acts on the slave, metres, shape (m, 3).
         separation: Mean way from the slave to the master before it, metres, shape (m, 3).
-        chord: As `ContactSurface.chord`, shape (m, 2).
+        chord: As `ContactSurface.chord`, but 0 for how much nearer it may be, shape (m, 3).
         overlap: The smallest distance of the two on the facets of each point if negative, else 0, metres, shape (m,).
         weights: Averages over the slave's nodes, shape (m, nodes of all ranks); every row has the sum 1.
         opposite: Averages over the master's nodes, likewise.
@@ -345,8 +345,8 @@ def _rows(
         separation = np.where(larger[:, None], between, separation)
     overlap = np.zeros(len(node))
     np.minimum.at(overlap, row, parts.least[facet])
-    chord = np.zeros((len(node), 2))
-    np.maximum.at(chord, row, np.column_stack([parts.chord, parts.bend(slave.kind.vertex_functions)])[facet])
+    chord = np.zeros((len(node), 3))
+    np.maximum.at(chord[:, :2], row, np.column_stack([parts.chord, parts.bend(slave.kind.vertex_functions)])[facet])
     mine = np.flatnonzero(weak[owned[0] : owned[1]]) + owned[0]
     first = slave.nodes[:, 0]
     counted = (first >= owned[0]) & (first < owned[1])  # every facet on one rank
@@ -410,4 +410,4 @@ def _no_rows(slave: int, master: int) -> MortarRows:
     no, none = np.empty(0), np.empty(0, dtype=np.int64)
     rows, opposite = (scipy.sparse.csr_matrix((0, size)) for size in (slave, master))
     places = np.empty((0, 3))
-    return MortarRows(none, no, no, places, places, places, np.zeros((0, 2)), no, rows, opposite, none, 0.0, 0)
+    return MortarRows(none, no, no, places, places, places, np.zeros((0, 3)), no, rows, opposite, none, 0.0, 0)

@@ -400,25 +400,25 @@ def pair_of(
     rounding = _ROUNDING * near.size
     closed = np.abs(gap) <= adjust  # what the facets have there is no gap, and shows no curvature
     gap = np.where(closed | (np.abs(gap) <= rounding), 0.0, gap)
-    off, between = bulges_at_points(rows, gap, near.slave, near.master)
+    off, between, nearer = bulges_at_points(rows, gap, near.slave, near.master)
     largest = (comm.allreduce(float(np.max(of, initial=0.0)), op=MPI.MAX) for of in (-gap, off))
     deepest, uncertain = (size if size > _SEEN * near.extent else 0.0 for size in largest)
     shared = len(np.setdiff1d(twice, clamped))
     remarks = () if glued else _remarks(face, against, rows, shared, deepest, uncertain, comm)
     if apart:  # in large motions they may come, or have left each other
         remarks = (f"contact face {face!r}: no part of it is opposite to {against!r} yet: nothing touches there",)
-    chord = np.maximum(rows.chord, np.column_stack([np.maximum(off, between), np.zeros_like(off)]))
+    chord = np.maximum(rows.chord, np.column_stack([np.maximum(off, between), np.zeros_like(off), nearer]))
     chord[closed & (adjust > 0.0)] = 0.0
     return Pair(face, against, points, x, n, gap, held, chord, slave.nodes.start + twice, remarks)
 
 
 def bulges_at_points(
     rows: MortarRows, gap: FloatArray, slave: NearFace, master: NearFace
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """How far, at every contact point, gaps (m,) are from those between smooth faces for which the facets may stand,
     metres, shape (m,) each: by the largest of the facets there, unless the gap is 0 or a single node is opposite, as of
-    matching meshes, or it is larger than what such facets cause; and by the mean, where the curvatures of both faces
-    differ."""
+    matching meshes, or it is larger than what such facets cause; by the mean, where the curvatures of both faces
+    differ; and how much nearer the master may be, by its mean and by how far from its nodes the point is."""
     largest = np.zeros(slave.patch.size), np.zeros(master.patch.size)
     mean = np.zeros((slave.patch.size, 3)), np.zeros((master.patch.size, 3))
     for most, bulge, face in zip(largest, mean, (slave, master), strict=True):
@@ -431,8 +431,9 @@ def bulges_at_points(
     alone = np.zeros(len(rows.node))
     np.maximum.at(alone, point, np.abs(rows.opposite.data))
     near = (alone <= _ALONE) & (gap != 0.0) & (np.abs(gap) < 2.0 * max(slave.largest_bulge, master.largest_bulge))
-    between = mean[0][rows.node] - rows.opposite @ mean[1]
-    return np.where(near, at_points, 0.0), np.abs(np.einsum("mi,mi->m", between, rows.normal))
+    own, other = (np.einsum("mi,mi->m", of, rows.normal) for of in (mean[0][rows.node], rows.opposite @ mean[1]))
+    within = np.clip((1.0 - alone) / (1.0 - 1.0 / master.patch.kind.corners), 0.0, 1.0)
+    return np.where(near, at_points, 0.0), np.abs(own - other), np.maximum(-other, 0.0) * within
 
 
 def _remarks(

@@ -81,7 +81,8 @@ class ContactSurface:
         slip_prescribed: Whether the entries of free_B are others than those of B.
         foundations: The foundation of each face, to which gaps are measured; None against a deformable face.
         chord: How far gaps to a face opposite are from linear between a point and those beside it, metres: h^2/(8 R) on
-            curved faces, of facets wholly before it, and of those in part; 0 against a foundation; shape (m, 2).
+            curved faces, of facets wholly before it, and of those in part; and by how much the face for which the
+            facets opposite stand may be nearer; 0 against a foundation; shape (m, 3).
         remarks: What a user should know of it.
     """
 
@@ -260,7 +261,7 @@ def contact_surface(
     remark = f"{what}: {left_out} of its nodes face away from the foundation and are no contact points"
     remarks = (remark,) if left_out else ()
     return ContactSurface(
-        (face,), part, points, x, frames, gaps, field, *matrices, (foundation,), np.zeros((len(x), 2)), remarks
+        (face,), part, points, x, frames, gaps, field, *matrices, (foundation,), np.zeros((len(x), 3)), remarks
     )
 
 
