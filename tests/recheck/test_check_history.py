@@ -9,6 +9,7 @@ from check_runs import BALL, TRESCA_STEPS, UNASKED, change, copied, edit, field,
 from conftest import indentation, run_coulomb
 from mpi4py import MPI
 
+import coulomb
 from coulomb.case.case import read_case
 from coulomb.io.history_files import HistoryFiles
 from coulomb.model.load_history import LoadHistory
@@ -102,9 +103,7 @@ class WithFirstLoad(LoadHistory):
     ],
 )
 def test_faults_in_the_history_are_detected(text, faulty, steps, monkeypatch, tmp_path):
-    import coulomb.model.load_history
-
-    monkeypatch.setattr(coulomb.model.load_history, "LoadHistory", faulty)
+    monkeypatch.setattr(coulomb, "LoadHistory", faulty)
     folder = run_case(text + UNASKED, tmp_path / "run")
     monkeypatch.undo()
     found = check(folder)
