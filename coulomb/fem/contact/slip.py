@@ -75,6 +75,8 @@ class FaceMotion:
         place = surface.places_among(self.surface.nodes, self.surface.part)
         slip, known = _separation(surface, body.x - self.x), place >= 0
         slip[known] = then[place[known]] - now[known]
+        if surface.points.mirrored is not None:  # beyond a plane of symmetry both faces go on
+            slip -= np.einsum("mij,mj->mi", surface.points.mirrored, slip)
         on_foundation = np.array([foundation is not None for foundation in foundations])[surface.part]
         slip[on_foundation] = 0.0
         return slip
