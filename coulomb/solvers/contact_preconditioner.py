@@ -36,9 +36,6 @@ _ROUNDING: Final = 1e-13
 _LARGE: Final = 1e3
 """Entries of R D above this leave rounding errors in the sums, which are then made anew."""
 
-_RANK: Final = 1e-6
-"""Singular values of the Q of nodes below this part of the largest of all are 0."""
-
 _SHIFT: Final = (1e-10, 1e-6)
 """Part of diag(A) that is added to it, in double and in single precision."""
 
@@ -119,11 +116,10 @@ class ContactPreconditioner:
 
 
 class FormedInverse:
-    """M^-1 with A = H H^T in place of its approximation, on one rank: for the many right-hand sides of derivatives.
+    """M^-1 with A = H H^T in place of its approximation, on one rank: for few contact points, and for the many
+    right-hand sides of derivatives.
 
-    At each point the rows of M where Q has none, as dx_n = .. where it is open, and the direction of friction where it
-    slips, are conditions on dx alone: dx = G r + N y satisfies them with any y, and what is left of M is a dense matrix
-    for y, one unknown for each rank of Q.
+    The rows of nodes where Q is 0, as of open ones, are conditions on their dx alone; what is left is a dense matrix.
 
     Args:
         H: Shape (3 m, columns), in the precision in which M is factorised.
@@ -132,8 +128,8 @@ class FormedInverse:
     """
 
     def __init__(self, H: FloatArray, diagonal: FloatArray):
-        self._H = H
-        there = np.einsum("ij,ij->i", H, H).reshape(diagonal.shape) > 0.0
+        self._H = H.reshape(*diagonal.shape, H.shape[1])
+        there = np.einsum("kij,kij->ki", self._H, self._H) > 0.0
         self._extra: FloatArray = np.where(there, _SHIFT[H.dtype == np.float32], 1.0) * diagonal
         self._at: ContactDerivative | None = None
 
@@ -141,59 +137,47 @@ class FormedInverse:
         """To a point: the equations and their derivative there."""
         if at is self._at:
             return
-        m, self._at, H = len(at.P), at, self._H
-        self._P, self._Q = at.P + at.Q * self._extra[:, None, :], at.Q
-        U, size, _ = np.linalg.svd(at.Q)
-        rank = np.sum(size > _RANK * np.max(size, initial=0.0), axis=1)
-        self._R, self._N, self._G = U.transpose(0, 2, 1).copy(), np.zeros((m, 3, 3)), np.zeros((m, 3, 3))
-        for r in range(4):  # R and N have r rows and columns that are not 0
-            here = np.flatnonzero(rank == r)
-            if r < 3 and len(here):
-                alone = self._R[here, r:] @ self._P[here]
-                self._G[here] = np.linalg.pinv(alone) @ self._R[here, r:]
-                V = np.linalg.svd(alone)[2]
-                self._N[here, :, :r] = V[:, 3 - r :].transpose(0, 2, 1)
-            else:
-                self._N[here] = np.eye(3)
-            self._R[here, r:] = 0.0
-        self._kept = np.flatnonzero(np.arange(3) < rank[:, None])
-        nodal = H.reshape(m, 3, H.shape[1])
-        right = (self._N.transpose(0, 2, 1).astype(H.dtype) @ nodal).reshape(H.shape)[self._kept]
-        left = ((self._R @ self._Q).astype(H.dtype) @ nodal).reshape(H.shape)[self._kept]
-        whole = np.zeros((m, 3), dtype=np.int64)
-        whole.ravel()[self._kept] = np.arange(len(self._kept))
-        M = left @ right.T
-        of_nodes = self._R @ self._P @ self._N
-        node, row = np.divmod(self._kept, 3)
-        for column in range(3):
-            there = column < rank[node]
-            M[np.flatnonzero(there), whole[node[there], column]] += of_nodes[node[there], row[there], column]
-        getrf = sgetrf if H.dtype == np.float32 else dgetrf
-        if len(M):
-            self._factors, self._pivots, _ = getrf(M, overwrite_a=1)  # a singular one gives no numbers
+        self._at, dtype = at, self._H.dtype
+        touching = np.any(at.Q != 0.0, axis=(1, 2))
+        self._open, self._closed = np.flatnonzero(~touching), np.flatnonzero(touching)
+        self._alone = np.linalg.inv(at.P[self._open])
+        self._Q, H = at.Q[self._closed], self._H[self._closed]
+        count, each = len(self._closed), np.arange(len(self._closed))
+        shape = (3 * count, H.shape[2])
+        M = (self._Q.astype(dtype) @ H).reshape(shape) @ H.reshape(shape).T
+        M = M.reshape(count, 3, count, 3)
+        M[each, :, each] += at.P[self._closed] + self._Q * self._extra[self._closed, None]
+        getrf = sgetrf if dtype == np.float32 else dgetrf
+        if count:
+            factors = getrf(M.reshape(3 * count, 3 * count), overwrite_a=1)
+            self._factors, self._pivots, _ = factors  # a singular one gives no numbers
 
     def __call__(self, r: FloatArray) -> FloatArray:
         """M^-1 applied to r (m, 3) or (m, 3, columns)."""
-        shape, r = r.shape, r.reshape(*r.shape[:2], -1)
-        z = self._G @ r
-        return (z + self._N @ self._solved(self._R @ (r - self._P @ z - self._Q @ self._product(z)), 0)).reshape(shape)
+        rest, z = r.reshape(*r.shape[:2], -1), np.zeros((*r.shape[:2], math.prod(r.shape[2:])))
+        z[self._open] = self._alone @ rest[self._open]
+        z[self._closed] = self._solved(rest[self._closed] - self._Q @ self._product(z, self._open, self._closed), 0)
+        return z.reshape(r.shape)
 
     def transposed(self, r: FloatArray) -> FloatArray:
         """M^-T applied likewise."""
-        shape, r = r.shape, r.reshape(*r.shape[:2], -1)
-        R, P, Q, N, G = (of.transpose(0, 2, 1) for of in (self._R, self._P, self._Q, self._N, self._G))
-        z = R @ self._solved(N @ r, 1)
-        return (z + G @ (r - P @ z - self._product(Q @ z))).reshape(shape)
+        rest, z = r.reshape(*r.shape[:2], -1), np.zeros((*r.shape[:2], math.prod(r.shape[2:])))
+        z[self._closed] = y = self._solved(rest[self._closed], 1)
+        seen = np.zeros_like(z)
+        seen[self._closed] = self._Q.transpose(0, 2, 1) @ y
+        others = rest[self._open] - self._product(seen, self._closed, self._open)
+        z[self._open] = self._alone.transpose(0, 2, 1) @ others
+        return z.reshape(r.shape)
 
-    def _product(self, z: FloatArray) -> FloatArray:
-        """H H^T z, shape (m, 3, columns)."""
-        flat = z.reshape(len(self._H), -1).astype(self._H.dtype)
-        return (self._H @ (self._H.T @ flat)).reshape(z.shape).astype(np.float64)
+    def _product(self, z: FloatArray, of: npt.NDArray[np.intp], at: npt.NDArray[np.intp]) -> FloatArray:
+        """H H^T z at some nodes, of z (m, 3, columns) at others, shape (nodes, 3, columns)."""
+        seen = np.tensordot(self._H[of], z[of].astype(self._H.dtype), axes=((0, 1), (0, 1)))
+        return (self._H[at] @ seen).astype(np.float64)
 
     def _solved(self, r: FloatArray, trans: int) -> FloatArray:
-        flat, getrs = r.reshape(len(self._H), -1), sgetrs if self._H.dtype == np.float32 else dgetrs
-        y = np.zeros_like(flat)
-        if len(self._kept):
-            known = flat[self._kept].astype(self._H.dtype)
-            y[self._kept] = getrs(self._factors, self._pivots, known, trans=trans)[0]
-        return y.reshape(r.shape)
+        if not len(r):
+            return r
+        getrs = sgetrs if self._H.dtype == np.float32 else dgetrs
+        flat = r.reshape(-1, r.shape[2]).astype(self._H.dtype)
+        found: FloatArray = getrs(self._factors, self._pivots, flat, trans=trans)[0].astype(np.float64).reshape(r.shape)
+        return found

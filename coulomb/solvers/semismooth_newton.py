@@ -19,25 +19,31 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from ..linalg.compliance import (
+    BodyCompliance,
     CarryingKrylov,
     ConstraintPreconditioner,
     LowRankApproximation,
     NodalMap,
 )
 from .contact_equations import ContactDerivative, ContactEquations
-from .contact_preconditioner import ContactPreconditioner
+from .contact_preconditioner import ContactPreconditioner, FormedInverse
 from .driver import Answer, drive, result_of
 from .friction_problem import FrictionProblem, SolverSettings, Task
 from .results import SemismoothStep, SolverResult, Status
 from .rigid_motions import NO_MOTION
 from .scaled_problem import IterateProducts, ScaledCompliance
 from .settings import within
+
+_FORMED: Final = 600
+"""Contact unknowns up to which Newton systems of one problem in a sequence, each with its own A, are factorised on one
+rank: that takes less time than the calls of a Krylov method."""
 
 
 @dataclass(frozen=True)
@@ -124,8 +130,16 @@ class SemismoothIteration:
         self._equations = ContactEquations(problem.law, lower, problem.frictional, d[:, 0], 0.5 * (d[:, 1] + d[:, 2]))
         costly = 0 if problem.A.exact else 1
         self._updated_from = settings.updated_from[costly]
-        self._inverse = self._prepared(settings.rank[costly])
-        self._A = self._inverse.A
+        self._A: LowRankApproximation | None = None
+        self._inverse: ContactPreconditioner | FormedInverse
+        half = None
+        if problem.together and problem.A.exact and 3 * m <= _FORMED and isinstance(problem.A, BodyCompliance):
+            half = problem.A.half()
+        if half is None:
+            self._inverse = self._prepared(settings.rank[costly])
+            self._A = self._inverse.A
+        else:
+            self._inverse = FormedInverse(half / math.sqrt(self._a), d)
         self._constraints = self._scaled.constraints
         self._accuracy = settings.forcing
         self._finer = settings.finer if problem.A.exact else 1.0
@@ -156,8 +170,9 @@ class SemismoothIteration:
                 self._A_x = self._images.exact(self._x)
             return self._result(status)
         finally:
-            self._A.forget_new()
-            self._scaled.keep(self._A.learnt, self._inverse)
+            if self._A is not None:
+                self._A.forget_new()
+                self._scaled.keep(self._A.learnt, self._inverse)
             self._krylov.free()
 
     def _new_krylov(self, product: NodalMap) -> CarryingKrylov:
@@ -211,7 +226,8 @@ class SemismoothIteration:
 
     def _product(self, x: FloatArray) -> FloatArray:
         y = self._scaled.mult(x, self._krylov.allowed(self._accuracy))
-        self._A.record(x, y)
+        if self._A is not None:
+            self._A.record(x, y)
         return y
 
     def _begin(self) -> float:
@@ -275,7 +291,7 @@ class SemismoothIteration:
             enough = settings.sharpest * size
         self._accuracy = min(max(enough / size, settings.product), settings.forcing) if size > 0.0 else settings.forcing
         dx, moved, dalpha, iterations = self._krylov.solve(-self._rows * at.value, np.zeros_like(x), enough, r3)
-        if iterations >= self._updated_from or self._A.U.shape[1] == 0:
+        if self._A is not None and (iterations >= self._updated_from or self._A.U.shape[1] == 0):
             self._A.update()
             self._inverse = ContactPreconditioner(self._scaled.comm, self._A)
         return dx, self._constraints.without(moved, -dalpha), dalpha, iterations

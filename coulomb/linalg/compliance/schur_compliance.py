@@ -24,6 +24,9 @@ _ACCURATE: Final = 20
 _ENOUGH: Final = 1e-2
 """Error of L with which Newton steps are as good as with A; products at the iterates are accurate."""
 
+_FEW: Final = 600
+"""Contact unknowns up to which A = H H^T is kept: products and the diagonal are then a few calls."""
+
 _REST: Final = 1e-11
 """Forces that a displacement is wrong by, over all, below which it is known."""
 
@@ -58,6 +61,7 @@ class SchurCompliance(LimitedProducts):
         self.nodes = B.getLocalSize()[0] // 3
         self.products, self.learnt = 0, RecycledColumns()
         self._solver, self._diagonal = solver, diagonal
+        self._half: FloatArray | None = None
         indptr, indices, values = B.getValuesCSR()
         last = (3 * solver.last[:, None] + np.arange(3)).ravel()
         shape = (len(indptr) - 1, B.getSize()[1])
@@ -95,7 +99,9 @@ class SchurCompliance(LimitedProducts):
             self._reference.accurate += 1
             if self._reference.accurate > _ACCURATE:
                 self._solver.use_double()
-        if self._suffices(tolerance):
+        if self._half is not None:
+            y[:] = self._half @ (self._half.T @ x)
+        elif self._suffices(tolerance):
             y[:] = self._rows @ self._solver.schur_solve(z)
         else:
             alone = _Reference(self._solver)
@@ -124,7 +130,9 @@ class SchurCompliance(LimitedProducts):
 
     def diagonal(self) -> FloatArray:
         if self._diagonal is None:
-            self._diagonal = self._solver.schur_diagonal(self._rows)
+            half = self.half() if self._few else None
+            squares = None if half is None else np.einsum("ij,ij->i", half, half)
+            self._diagonal = self._solver.schur_diagonal(self._rows) if squares is None else squares
         return self._diagonal
 
     def dense(self) -> FloatArray:
@@ -137,8 +145,8 @@ class SchurCompliance(LimitedProducts):
 
     def half(self) -> FloatArray | None:
         """To the accuracy of the factors, and in their precision, shape (3 m, 3 last)."""
-        if not isinstance(self._solver, MultifrontalSolver):
-            return None
+        if self._half is not None or not isinstance(self._solver, MultifrontalSolver):
+            return self._half
         factors, dtype = self._solver.schur_factors, np.dtype(np.float64 if self.exact else np.float32)
         half: FloatArray = np.zeros(self._rows.shape, dtype=dtype)
         start = 0
@@ -146,7 +154,12 @@ class SchurCompliance(LimitedProducts):
             here = slice(start, start + len(L))
             half[:, here] = self._rows[:, here].astype(dtype) @ np.tril(inverse_factor(L)).T
             start += len(L)
+        self._half = half if self._few else None
         return half
+
+    @property
+    def _few(self) -> bool:
+        return self.exact and 3 * self.nodes <= _FEW
 
     def elimination(self) -> Elimination:
         """K^-1 by one application of the factors as they are."""
