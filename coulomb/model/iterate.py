@@ -164,11 +164,8 @@ class Linearised(DiscreteProblem):
     def evidence(
         self, x: FloatArray, u: FloatArray, before: State | None = None, alpha: FloatArray = NO_MOTION
     ) -> Evidence:
-        """Without nodes that supports hold, which are at their place when the displacement is, and without what pairs
-        are by lines, which the next iterate is asked."""
-        none = np.zeros(0, dtype=np.int64)
-        e = self._evidence(x, u, self.compliances, alpha, by_lines=False)
-        return replace(e, held_gap=np.zeros(0), held_owner=none, held_part=none)
+        """Without what the next iterate is asked: what pairs are by lines, and nodes that are no contact points."""
+        return self._evidence(x, u, self.compliances, alpha, by_lines=False)
 
     @property
     def prescribed(self) -> FloatArray:

@@ -19,7 +19,7 @@ from ..units import amount
 from .arguments import linear_solver_of, names_of_sides
 from .contact_body import ContactBody
 from .contact_faces import StatePoints
-from .iterate import Linearised
+from .iterate import Iterate, Linearised
 from .provenance import now, timed
 
 _ARM: Final = 1e-3
@@ -51,6 +51,7 @@ class LoadSteps:
         damping: The last one that made a tangent positive definite; 0 without one.
         held_by_contact: Whether contact alone holds a body.
         stable: Whether an equilibrium has to be stable.
+        answered: The bodies before deformation in the last load step with an answer, and its iterate.
     """
 
     def __init__(
@@ -64,6 +65,7 @@ class LoadSteps:
     ):
         self.body, self.elasticity, self.remedy, self.stable = body, body.elasticity, 0, branch == "stable"
         self.damped, self.damping = False, 0.0
+        self.answered: tuple[Deformable, Iterate] | None = None
         self.held_by_contact = self._left_free()
         self._refuse_ties_across_gaps()
         self._refuse_sections_on_lines()

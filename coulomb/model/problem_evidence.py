@@ -61,7 +61,8 @@ def gather_evidence(
         compliance: Diagonal of A (m, 3) at the surface's points, of both tangents the mean, metres per newton.
         before: End of the load step before; None if slip is measured from the state's `slip_origin`.
         alpha: Amounts of free motions, shape (q,), of which those of foundations under load count, by default 0.
-        by_lines: Whether gaps and displacements of pairs are found anew by lines from face to face.
+        by_lines: Whether gaps and displacements of pairs are found anew by lines from face to face, and gaps of nodes
+            that are no contact points.
     """
     elasticity, surface = state.elasticity, state.surface
 
@@ -74,7 +75,7 @@ def gather_evidence(
     for number, moved in enumerate(zip(motions, then, strict=True)):
         slip_rate, here = np.zeros(len(u)), surface.part == number
         slip_rate[surface.nodes[here]] = rates[here]
-        faces.append(_face(body, number, state.time, *moved, slip_rate))
+        faces.append(_face(body, number, state.time, *moved, slip_rate, by_lines))
     points = joined_points([face[0] for face in faces])
     frames, gap, carried = (np.concatenate([face[k] for face in faces]) for k in (1, 2, 4))
     law = FrictionLaw.joined([face[3] for face in faces])
@@ -237,14 +238,20 @@ def _findings(
 
 
 def _face(
-    body: ContactBody, number: int, time: float, motion: RigidMotion, then: RigidMotion, slip_rate: FloatArray
+    body: ContactBody,
+    number: int,
+    time: float,
+    motion: RigidMotion,
+    then: RigidMotion,
+    slip_rate: FloatArray,
+    beside: bool,
 ) -> _Face:
     """The contact points of a face that face its foundation and are not prescribed along their normal: points, frames
     (m, 3, 3), gap, law of friction, and the foundation's displacement in this step (m, 3), metres, from its motion at
-    the start; and the other nodes of the face; collective."""
+    the start; and the other nodes of the face if `beside` asks for them; collective."""
     contact, comm, foundation = body.contacts[number], body.comm, body.foundations[number]
     if foundation is None:
-        return _pair(body, number, time, slip_rate)
+        return _pair(body, number, time, slip_rate, beside)
     face = FoundationFace(contact, foundation, body.elasticity, time, motion)
     member, elasticity = face.member, face.member.body
     points = contact_points(elasticity, face.facets)
@@ -258,14 +265,16 @@ def _face(
     law = contact.law(points.before_deformation(x), points.area, time, slip_rate[points.nodes], comm)
     frames = friction_frames(contact.axes, n, H, x, contact.face, comm)
     points = points.of(member, body.elasticity)
-    return points, frames, gaps, law, face.motion.since(then, x), face.beside(body.elasticity)
+    others = face.beside(body.elasticity) if beside else None
+    return points, frames, gaps, law, face.motion.since(then, x), others
 
 
-def _pair(body: ContactBody, number: int, time: float, slip_rate: FloatArray) -> _Face:
+def _pair(body: ContactBody, number: int, time: float, slip_rate: FloatArray, beside: bool) -> _Face:
     """As `_face`, of a pair of deformable faces: what moves there is in the displacement."""
     contact, comm, pair = body.contacts[number], body.comm, body.pair(number)
     place = pair.points.before_deformation(pair.x)
     gap = pair.gap + contact.gap_factor(time, comm) * contact.gap_at(place, comm)
     law = contact.law(place, pair.points.area, time, slip_rate[pair.points.nodes], comm)
     frames = friction_frames(contact.axes, pair.n, pair.held, pair.x, pair.face, comm)
-    return pair.points, frames, gap, law, np.zeros_like(pair.x), body.held_in_pairs.at(number, time)
+    others = body.held_in_pairs.at(number, time) if beside else None
+    return pair.points, frames, gap, law, np.zeros_like(pair.x), others

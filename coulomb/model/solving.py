@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from itertools import chain
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -33,6 +33,16 @@ from .solution import Solution
 from .stopping_criterion import CERTIFIED_FROM, StoppingCriterion
 
 
+class LinearAnswer(NamedTuple):
+    """Of a linear problem of large motions: contact forces (3 m,) in newtons, with exact zeros where they are open,
+    their displacement (k, 3) in metres, the solver's result, and the methods as in summary.json."""
+
+    contact_force: FloatArray
+    displacement: FloatArray
+    result: SolverResult
+    methods: dict[str, Any]
+
+
 def solved(
     posed: DiscreteProblem,
     tolerance: float,
@@ -41,10 +51,35 @@ def solved(
     start: FloatArray | None,
 ) -> Solution:
     """The answer by the first method for K^-1 that has one; arguments and errors as of `ContactProblem.solve`."""
+    return answer_of(posed, *_by_methods(posed, tolerance, solver, progress, start))
+
+
+def solved_on_the_way(
+    posed: DiscreteProblem,
+    tolerance: float,
+    solver: Solver | None,
+    progress: ProgressCallback | None,
+    start: FloatArray | None,
+) -> LinearAnswer:
+    """`solved` without a certificate, as is enough on the way to an answer that will have one."""
+    result, criterion = _by_methods(posed, tolerance, solver, progress, start, on_the_way=True)
+    methods = {"solver": result.method, **posed.linear.methods}
+    return LinearAnswer(*criterion.with_zeros(result.x, result.rigid), result, methods)
+
+
+def _by_methods(
+    posed: DiscreteProblem,
+    tolerance: float,
+    solver: Solver | None,
+    progress: ProgressCallback | None,
+    start: FloatArray | None,
+    on_the_way: bool = False,
+) -> tuple[SolverResult, StoppingCriterion]:
+    """By the first method for K^-1 that has an answer, accepted by a certificate, or contact by contact."""
     stiffness = posed.body.stiffness
     while True:
         try:
-            return _by_present_method(posed, tolerance, solver, progress, start)
+            return _by_present_method(posed, tolerance, solver, progress, start, on_the_way)
         except TooSlow as slow:
             stiffness.change_method(str(slow), condense=solver is None)
         except NotConverged as failure:
@@ -101,18 +136,20 @@ def _by_present_method(
     solver: Solver | None,
     progress: ProgressCallback | None,
     start: FloatArray | None,
-) -> Solution:
+    on_the_way: bool,
+) -> tuple[SolverResult, StoppingCriterion]:
     newton = posed.body.stiffness.present.newton
     default = Automatic(tolerance) if newton is None else InteriorPoint(tolerance, newton=newton())
     chosen = solver or default
     if start is not None and newton is not None and solver is None:
         start = np.atleast_2d(start)[0]  # of several
     criterion, counted = StoppingCriterion(posed), CountedProgress(progress, posed.comm)
+    accept = criterion.by_contacts if on_the_way else criterion
     with posed.body.stiffness.limited(posed.stiffness.solver):
         problem = posed.friction_problem  # K^-1, A and b are timed separately
         posed.linear.prepare_products()
         if chosen.tolerance <= CERTIFIED_FROM:
-            problem = replace(problem, accept=criterion, balanced=criterion.gradient)
+            problem = replace(problem, accept=accept, balanced=criterion.gradient)
         limit = nullcontext() if solver else posed.body.stiffness.few_products(posed.A)
         with timed(posed.seconds, "solve"), _one_blas_thread(posed), limit:
             try:
@@ -124,7 +161,7 @@ def _by_present_method(
                 raise criterion.explained(failure, chosen.tolerance) from None
             except CGNotConverged as failure:
                 raise linear_solve_failed(posed, problem, failure, counted, type(chosen).__name__) from None
-    return answer_of(posed, result, criterion)
+    return result, criterion
 
 
 def answer_of(posed: DiscreteProblem, result: SolverResult, criterion: StoppingCriterion | None = None) -> Solution:

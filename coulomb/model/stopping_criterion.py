@@ -30,7 +30,7 @@ from ..linalg.reductions import Reductions
 from ..solvers.results import NotConverged, SolverResult, Status
 from ..solvers.rigid_motions import NO_MOTION
 from ..units import amount
-from .certificate import Certificate, Evidence, judge
+from .certificate import LIMIT, Certificate, Evidence, judge
 from .certificate_scales import place_of_largest
 from .discrete_problem import DiscreteProblem
 from .equilibrium import running_away
@@ -149,12 +149,17 @@ class StoppingCriterion:
         problem, over = self._problem, Reductions(self._problem.comm)
         last = self._last
         if last is None or not over.all(np.array_equal(last[0], x) and np.array_equal(last[1], alpha)):
-            force, u = self._zeros_by_product(x, alpha) or self._zeros_by_displacement(x, alpha)
+            force, u = self.with_zeros(x, alpha)
             with timed(problem.seconds, "certificate"):
                 evidence = problem.evidence(force, u, problem.before, alpha)
                 last = x.copy(), alpha.copy(), CertifiedAnswer(force, u, evidence, judge(evidence))
             self._last = last
         return last[2]
+
+    def with_zeros(self, x: FloatArray, alpha: FloatArray = NO_MOTION) -> tuple[FloatArray, FloatArray]:
+        """The forces with exact zeros, newtons, shape (3 m,), and their displacement, metres, shape (k, 3);
+        collective."""
+        return self._zeros_by_product(x, alpha) or self._zeros_by_displacement(x, alpha)
 
     def _zeros_by_product(self, x: FloatArray, alpha: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """The forces with exact zeros, and their displacement; None if a product by A does not decide the zeros."""
@@ -176,6 +181,18 @@ class StoppingCriterion:
             if not over.all(np.array_equal(force, x)):
                 u = problem.moved(problem.displacement(force), alpha)
         return force, u
+
+    def by_contacts(self, x: FloatArray, alpha: FloatArray = NO_MOTION) -> bool:
+        """Whether the residual of every contact, by its own force, is within the limit of the certificate, or else the
+        certificate passes, as where all forces are rounding errors; collective.
+
+        For linear problems on the way to an answer, of which the next place is certified.
+        """
+        problem, gradient = self._problem.friction_problem, self.gradient(x)
+        if problem.rigid is not None:
+            gradient = gradient - problem.rigid.displacement(alpha)
+        within = Reductions(self._problem.comm).max(problem.residuals(x, gradient)) <= LIMIT
+        return within or self(x, alpha)
 
     def gradient(self, x: FloatArray) -> FloatArray:
         """A x - b in metres of the forces x in newtons, shapes (3 m,): remaining gap and slip, before free motions;
