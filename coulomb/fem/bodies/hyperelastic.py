@@ -304,6 +304,12 @@ class HyperelasticBody(NonlinearBody):
         following = sum((one.forces for one in self._following(u)), np.zeros_like(u))
         return Loading(time, inside.load + lasting, dead.prescribed, heat), lasting + following, spring
 
+    def resisted(self, modes: FloatArray) -> FloatArray:
+        translations = not any(np.any(motion.rotation) for motion in self.not_held.motions)
+        if translations and not self.resists_translation and self.added_springs is None:
+            return np.zeros_like(modes)  # strains stay as they are
+        return super().resisted(modes)
+
     @property
     def has_mean_dilatation(self) -> bool:
         return bool(self._volumes) and linear_hexahedra(self.domain)

@@ -395,10 +395,9 @@ def without_rounding(rows: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
 def _averages(rows: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
     """Rows `without_rounding`, divided by their sums."""
     rows = without_rounding(rows)
-    total = np.asarray(rows.sum(axis=1)).ravel()
-    averages = (scipy.sparse.diags(1.0 / total) @ rows).tocsr()
-    averages.sort_indices()
-    return averages
+    rows.data /= np.repeat(np.asarray(rows.sum(axis=1)).ravel(), np.diff(rows.indptr))
+    rows.sort_indices()
+    return rows
 
 
 def nodal_sums(nodes: IntArray, values: FloatArray, size: int) -> FloatArray:

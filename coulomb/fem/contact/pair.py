@@ -222,7 +222,8 @@ def mirrored(
 def shares(opposite: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
     """Sizes of the weights of the master's nodes, every row with the sum 1."""
     size = abs(opposite)
-    return (scipy.sparse.diags(1.0 / np.maximum(np.asarray(size.sum(axis=1)).ravel(), 1e-300)) @ size).tocsr()
+    size.data /= np.repeat(np.maximum(np.asarray(size.sum(axis=1)).ravel(), 1e-300), np.diff(size.indptr))
+    return size
 
 
 def held_on_both(planes: FloatArray, there: FloatArray) -> FloatArray:
