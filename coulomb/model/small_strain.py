@@ -217,7 +217,7 @@ class SmallStrain:
             (
                 self.unstable,
                 UNSTABLE,
-                f"the equilibrium is unstable in {_directions(self.unstable)}, however rough the contact: the body "
+                f"the equilibrium is unstable in {_directions(self.unstable)}, and no friction holds it: the body "
                 'snaps or buckles to another one (field instability_mode; [solver] branch = "stable" goes there)',
             ),
             (
