@@ -122,6 +122,13 @@ def test_successive_tresca_by_the_command_of_the_docs(tmp_path):
     assert problems >= 3 and 0.0 < rate < 1.0
 
 
+def test_demo_outer_loops():
+    """Four loops, whose results over those of the formulas are printed."""
+    ratios = re.findall(r"(\w+): ([\d.]+) of the formula", said("outer_loops.py"))
+    assert [name for name, _ in ratios] == ["plasticity"] * 3 + ["viscoelasticity"] * 4 + ["heat", "tool"]
+    assert all(abs(float(ratio) - 1.0) < 1e-6 for _, ratio in ratios)
+
+
 def test_demo_hertz():
     """Radius and pressure beside the formulas of the same force; (h/a)^2/6 with six cells to the radius."""
     text = said("hertz.py")

@@ -1,4 +1,4 @@
-"""Outer loops of one's own: the page, what is kept between solves, and a loop that takes the steps of a history."""
+"""Outer loops of one's own: the demo, what is kept between solves, and a loop that takes the steps of a history."""
 
 import re
 
@@ -14,11 +14,9 @@ from coulomb import Contact, ContactProblem, LoadHistory
 comm = MPI.COMM_WORLD
 
 
-def test_the_code_of_the_page_runs(tmp_path):
+def test_the_demo_runs(tmp_path):
     """Each example beside its formula."""
-    code = "\n".join(re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "outer-loops.md").read_text(), flags=re.S))
-    (tmp_path / "page.py").write_text(code)
-    done = run_script(tmp_path / "page.py", comm.bcast(tmp_path))
+    done = run_script(ROOT / "demos" / "outer_loops.py", comm.bcast(tmp_path))
     ratios = re.findall(r"(\w+): ([\d.]+) of the formula(?:, (\d+))?", done.stdout)
     assert [name for name, *_ in ratios] == ["plasticity"] * 3 + ["viscoelasticity"] * 4 + ["heat", "tool"]
     assert all(abs(float(ratio) - 1.0) < 1e-6 for _, ratio, _ in ratios)
