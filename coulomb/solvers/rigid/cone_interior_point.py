@@ -11,18 +11,15 @@ cones.py:
    states, where the path alone would come no nearer than the square root of rounding errors;
 3. where the path ends elsewhere: the curve of smoothed problems (cone_paths.py), with Newton steps as after the path;
    it turns where the path is blocked;
-4. convex problems with given slip, s <- |Z_t(s)|, with Anderson acceleration and Newton steps after each.  The slip of
-   each is unique whatever the rank of A, unlike the forces on which successive Tresca iterates.  Where they fail,
-   curves that begin with open contacts, each with other gaps.
+4. curves that begin with open contacts, each with other gaps.
 
-Proved: a fixed point of the slip is a solution; the curve has one at its end, in general position and if forces stay
-bounded.  Not proved: that the path leads to one, that the fixed point attracts, or how long the curve is.  CONVERGED
-means that the natural residual, computed afresh, is below the tolerance, and the collection's own as well
-(cones.cone_residual).
+Proved: the curve has a solution at its end, in general position and if forces stay bounded.  Not proved: that the path
+leads to one, or how long the curve is.  CONVERGED means that the natural residual, computed afresh, is below the
+tolerance, and the collection's own as well (cones.cone_residual).
 
 Work is limited by counts, not by time, so that a result can be repeated: floating-point operations of the
-factorisations with an estimate for the rest, and their number.  The curve and the convex problems spend at most half
-of what is left when they begin.
+factorisations with an estimate for the rest, and their number.  The first curve spends at most half of what is left
+when it begins.
 """
 
 from __future__ import annotations
@@ -41,9 +38,8 @@ from ..driver import Answer, result_of
 from ..friction_problem import FrictionProblem, SolverSettings, Task
 from ..results import InteriorPointStep, Progress, SolverResult, Status
 from ..settings import within
-from ..successive_tresca import Anderson
 from .cone_paths import ConeCurve, ConePath, ConeStep
-from .cones import ConeProblem, Scales, radius
+from .cones import ConeProblem, Scales
 from .gauss_seidel import Sweeps, sweep
 
 _CLEAR: Final = 1e-7  # least penetration that is called a contradiction, over the largest |b|
@@ -116,7 +112,7 @@ class _ConeRun:
         self._cones.matrix.limit = settings.work
         self._history: list[InteriorPointStep] = []
         self._best: tuple[float, FloatArray] = (math.inf, np.zeros(3 * self._cones.contacts))
-        self._convex = self._sweeps = 0
+        self._sweeps = 0
 
     def follow(self, start: FloatArray | None, first: Sweeps | None) -> SolverResult:
         """The methods in turn, from the sweeps' end if there were any."""
@@ -133,8 +129,7 @@ class _ConeRun:
             if why:
                 status = Status.NO_EQUILIBRIUM
             else:
-                self._follow_curve(self._half_of_the_rest())
-                self._successive_slips(self._half_of_the_rest())
+                self._follow_curve(0.5 * (self._cones.matrix.operations + self._settings.work))
                 for number in range(self._settings.curves):
                     self._follow_curve(self._settings.work, number)
                 if self._cones.matrix.operations > self._settings.work:
@@ -149,7 +144,7 @@ class _ConeRun:
         return self._result(status, why)
 
     def _reported(self, sweeps: Sweeps) -> None:
-        if self._progress is not None and self._progress(Progress(self._convex, len(self._history), sweeps.residual)):
+        if self._progress is not None and self._progress(Progress(0, len(self._history), sweeps.residual)):
             raise _Ended(Status.INTERRUPTED)
 
     def _judged(self, X: FloatArray) -> float:
@@ -170,7 +165,7 @@ class _ConeRun:
         theta, sigma, gradient = (0.0, 0.0, 0.0) if step is None else (step.theta, step.sigma, step.infeasibility)
         alpha = alpha if step is None else step.alpha
         self._history.append(InteriorPointStep(number, size, 0, theta, sigma, alpha, gradient, 0.0))
-        if self._progress is not None and self._progress(Progress(self._convex, number, size)):
+        if self._progress is not None and self._progress(Progress(0, number, size)):
             raise _Ended(Status.INTERRUPTED)
         if matrix.operations > self._settings.work or matrix.factorisations >= self._settings.systems:
             raise _Ended(Status.MAX_ITERATIONS)
@@ -229,10 +224,6 @@ class _ConeRun:
             self._newton(last.X, 2 * self._settings.newton, patient=True)
             self._judged(last.X)
 
-    def _half_of_the_rest(self) -> float:
-        """Operations at which a method that begins now has spent half of what is left, so that another one follows."""
-        return 0.5 * (self._cones.matrix.operations + self._settings.work)
-
     def _follow_curve(self, enough: float, opened: int | None = None) -> None:
         """The curve of smoothed problems, or one from open contacts by its number, with Newton steps where it has come
         near a solution, until this many operations have been spent.
@@ -251,48 +242,17 @@ class _ConeRun:
         if self._settings.curve:
             self._newton(self._X, 2 * self._settings.newton, patient=True)
 
-    def _successive_slips(self, enough: float) -> None:
-        """Convex problems with given slip until it repeats itself, or this many operations have been spent."""
-        slip: FloatArray = np.zeros(self._cones.contacts)
-        anderson, change = Anderson(5, self._problem.reductions), 1.0
-        for number in range(1, self._settings.convex + 1):
-            if self._cones.matrix.operations > enough:
-                return
-            self._convex = number
-            at = self._solved(slip, max(1e-2 * change**2, 1e-9))
-            if at is None:
-                return
-            found = radius(at.Z)
-            change = float(np.linalg.norm(found - slip) / (np.linalg.norm(found) or 1.0))
-            self._newton(at.X, 2 * self._settings.newton, patient=True)
-            self._judged(at.X)
-            slip = np.maximum(anderson.next(slip, found - slip, 1.0), 0.0)
-
-    def _solved(self, slip: FloatArray, tolerance: float) -> ConeStep | None:
-        """The convex problem with given slip; None where its path ends before."""
-        path = ConePath(self._cones, slip)
-        at = path.start()
-        for _ in range(self._settings.path):
-            new = path.step(at)
-            if new is None:
-                return at if at.theta + at.infeasibility < 1e-3 else None
-            at = new
-            self._recorded(at.X, self._cones.natural_map(at.X).size, at)
-            if at.theta < tolerance and at.infeasibility < tolerance:
-                break
-        return at
-
     def _result(self, status: Status, why: str) -> SolverResult:
         """The best answer, judged afresh."""
         problem, x, residual = self._problem, self._best[1], partial(self._scales.residual, self._problem)
         answer = Answer(x, problem.without_motion(x))
         result = result_of(problem, self._goal, answer, None, status, self._history, residual)
-        result = replace(result, outer_steps=self._convex, products=self._sweeps + self._cones.products)
+        result = replace(result, products=self._sweeps + self._cones.products)
         matrix = self._cones.matrix
         message = why or (
             f"the {self._settings.name} method ended with a residual of {result.residual:.1e} after "
-            f"{len(self._history)} Newton steps, {self._sweeps} sweeps and {self._convex} convex problems "
-            f"({result.status.value}), {self._goal.missed(result.residual)}; "
+            f"{len(self._history)} Newton steps and {self._sweeps} sweeps ({result.status.value}), "
+            f"{self._goal.missed(result.residual)}; "
             f"{matrix.factorisations} factorisations, {matrix.operations:.1e} of at most "
             f"{self._settings.work:.1e} operations"
         )
@@ -311,7 +271,6 @@ class ConeInteriorPoint(SolverSettings):
         newton: Nonsmooth Newton steps in a row.
         path: Steps of the interior-point path.
         curve: Steps along a curve of smoothed problems.
-        convex: Convex problems with given slip.
         curves: Curves that begin with open contacts.
         proximal: Proximal term of the nonsmooth Newton matrix, over the mean diagonal of A and the size of the natural
             map.
@@ -326,7 +285,6 @@ class ConeInteriorPoint(SolverSettings):
     newton: int = within("[1, inf)", 12)
     path: int = within("[1, inf)", 80)
     curve: int = within("[0, inf)", 1000)
-    convex: int = within("[0, inf)", 40)
     curves: int = within("[0, inf)", 16)
     proximal: float = within("(0, inf)", 0.1)
     work: float = within("(0, inf)", 2e11)

@@ -36,9 +36,8 @@ is small only along forces that W leaves undetermined.  Steps have Mehrotra's pr
 
 |Z_t| is not differentiable at Z_t = 0, the sticking contacts, and the problem is not a minimisation: steps of the
 linearisation may be blocked.  After such a step the next ones keep |Z_t| (E = 1), a step of the convex problem with
-given slip; Z stays inside L, and |Z_t| is updated after each step.  With the slip |Z_t| given for good it is the
-convex problem of V. Acary, F. Cadoux, C. Lemarechal, J. Malick: A formulation of the linear discrete Coulomb
-friction problem via convex optimization, ZAMM 91 (2011), whose slip is unique although the forces are not.
+given slip (V. Acary, F. Cadoux, C. Lemarechal, J. Malick: A formulation of the linear discrete Coulomb friction problem
+via convex optimization, ZAMM 91, 2011); Z stays inside L, and |Z_t| is updated after each step.
 """
 
 from __future__ import annotations
@@ -56,8 +55,7 @@ _BLOCKED: Final = 0.1  # a step shorter than this is blocked
 _KEPT: Final = 3  # steps with the slip kept after it, and more as long as they are blocked
 _FEASIBLE: Final = 0.3  # with the slip kept, theta decreases where F is below this fraction of it ...
 _CENTRING: Final = 0.3  # ... by this factor
-_LEAST: Final = 0.05  # least centring; of the convex problem
-_LEAST_CONVEX: Final = 1e-3
+_LEAST: Final = 0.05  # least centring
 
 
 class ConeStep(NamedTuple):
@@ -81,10 +79,10 @@ class ConeStep(NamedTuple):
 
 
 class ConePath:
-    """The path, step by step; `slip` is |Z_t| of the convex problem with given slip, shape (m,), None to find it."""
+    """The path, step by step."""
 
-    def __init__(self, problem: ConeProblem, slip: FloatArray | None = None):
-        self._problem, self._slip, self._kept = problem, slip, 0
+    def __init__(self, problem: ConeProblem):
+        self._problem, self._kept = problem, 0
         self._e = np.zeros((problem.contacts, 3))
         self._e[:, 0] = 1.0
 
@@ -94,7 +92,7 @@ class ConePath:
 
     def _F(self, X: FloatArray, Z: FloatArray) -> FloatArray:
         F = Z - self._problem.w(X)
-        F[:, 0] -= radius(Z) if self._slip is None else self._slip
+        F[:, 0] -= radius(Z)
         return F
 
     def _point(self, X: FloatArray, Z: FloatArray, sigma: float = 0.0, alpha: float = 0.0) -> ConeStep:
@@ -130,16 +128,12 @@ class ConePath:
 
     def _keeps(self, at: ConeStep) -> bool:
         """Whether this step keeps the slip."""
-        if self._slip is not None:
-            return True
         blocked = 0.0 < at.alpha < _BLOCKED
         self._kept = max(self._kept - 1, int(blocked)) if self._kept else _KEPT * int(blocked)
         return self._kept > 0
 
     def _centring(self, at: ConeStep, keep: bool, alpha: float) -> float:
         """sigma, from the length of the predictor; with the slip kept, theta must not decrease faster than F."""
-        if self._slip is not None:
-            return max((1.0 - alpha) ** 3, _LEAST_CONVEX)
         if keep:
             return _CENTRING if at.infeasibility < _FEASIBLE * at.theta else 1.0
         return max((1.0 - alpha) ** 3, _LEAST)

@@ -5,10 +5,9 @@ import pytest
 import scipy.sparse
 
 import coulomb
-from benchmarks.rigid_bodies import TouchPoint, arch, assembled, random_rank, scattered, stack, tower, walled
+from benchmarks.rigid_bodies import TouchPoint, arch, assembled, scattered, stack, tower, walled
 from coulomb import NotConverged, Status, solve_coulomb
 from coulomb.solvers import Automatic, RegularisedNewton
-from coulomb.solvers.rigid import cone_interior_point as cone_run
 from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint, _ConeRun
 from coulomb.solvers.rigid.cone_paths import ConeCurve
 from coulomb.solvers.rigid.cones import Scales
@@ -94,16 +93,6 @@ def test_forces_without_bound_are_no_answer():
         assert failure.value.result.status is not Status.CONVERGED
 
 
-def test_convex_problems_where_the_path_ends_early():
-    """Four steps of the path are too few; a few convex problems with given slip, of four steps each, are enough."""
-    problem = random_rank(10, 20, 0.4, 1)
-    result = solved(problem, ConeInteriorPoint(1e-7, sweeps=False, newton=1, path=4, curve=0))
-    assert result.status is Status.CONVERGED and problem.residual(result.x) <= 1e-7
-    assert 1 <= result.outer_steps <= 8 and result.products > result.newton_steps == len(result.history)
-    with pytest.raises(NotConverged, match="and 1 convex problems"):
-        solved(problem, ConeInteriorPoint(1e-7, sweeps=False, newton=1, path=4, curve=0, convex=1, curves=0))
-
-
 def test_progress_interrupts():
     with pytest.raises(NotConverged) as failure:
         solve = NO_SWEEPS.solve
@@ -158,7 +147,7 @@ def test_the_answer_of_a_refusal_is_the_best_one(monkeypatch):
     """Of the path's last point, and of ten times its forces."""
     seen = []
     monkeypatch.setattr(
-        _ConeRun, "_successive_slips", lambda self, _: seen.extend(map(self._judged, (self._X, 10 * self._X)))
+        _ConeRun, "_follow_curve", lambda self, _: seen.extend(map(self._judged, (self._X, 10 * self._X)))
     )
     result = refused(stack(8, 1.0, 2), newton=1, path=4, curve=0, curves=0)
     assert result.status is Status.STAGNATED and seen[0] < seen[1]
@@ -168,7 +157,7 @@ def test_the_answer_of_a_refusal_is_the_best_one(monkeypatch):
 def test_a_result_is_judged_by_the_measure_of_the_collection(monkeypatch):
     monkeypatch.setattr(Scales, "residual", lambda *_: 0.5)
     problem = stack(3, 0.5, 1)
-    for solver in (ConeInteriorPoint(sweeps=False, curve=0, convex=0, curves=0), RegularisedNewton(systems=50)):
+    for solver in (ConeInteriorPoint(sweeps=False, curve=0, curves=0), RegularisedNewton(systems=50)):
         with pytest.raises(NotConverged) as failure:
             solved(problem, solver)
         assert failure.value.result.residual == 0.5
@@ -177,18 +166,5 @@ def test_a_result_is_judged_by_the_measure_of_the_collection(monkeypatch):
 def test_the_curve_has_at_most_the_steps_of_the_setting(monkeypatch):
     steps, step = [], ConeCurve.step
     monkeypatch.setattr(ConeCurve, "step", lambda self, at: steps.append(self) or step(self, at))
-    refused(stack(8, 1.0, 2), newton=1, path=1, curve=3, convex=0, curves=0)
+    refused(stack(8, 1.0, 2), newton=1, path=1, curve=3, curves=0)
     assert len(steps) == 3
-
-
-def test_slips_of_convex_problems_are_accelerated(monkeypatch):
-    """What follows each is that of Anderson's acceleration, not negative."""
-    seen, accelerated = [], cone_run.Anderson.next
-    monkeypatch.setattr(cone_run.Anderson, "next", lambda *given: seen.append(accelerated(*given)) or seen[-1])
-    slips, solved = [], _ConeRun._solved
-    monkeypatch.setattr(_ConeRun, "_solved", lambda self, slip, tol: slips.append(slip) or solved(self, slip, tol))
-    problem = random_rank(10, 20, 0.4, 1)
-    solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(1e-7, sweeps=False, newton=1, path=4, curve=0))
-    assert len(seen) >= len(slips) - 1 > 1 and not slips[0].any() and min(slip.min() for slip in slips) >= 0.0
-    for slip, following in zip(slips[1:], seen, strict=False):
-        assert np.array_equal(slip, np.maximum(following, 0.0))

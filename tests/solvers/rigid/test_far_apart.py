@@ -85,7 +85,7 @@ def worst(A, b, x, bound):
 
 @pytest.mark.parametrize(
     ("seed", "times", "solver"),
-    [(392, 1.0, None), (392, 0.9, None), (392, 2.3, None), (357, 1.0, ConeInteriorPoint(sweeps=False, convex=0))],
+    [(392, 1.0, None), (392, 0.9, None), (392, 2.3, None), (357, 1.0, ConeInteriorPoint(sweeps=False))],
 )
 def test_large_friction(seed, times, solver):
     """All methods ended on curves whose steps had become shorter than 1e-6; of a curve that had reached its end, by
