@@ -354,7 +354,7 @@ class ContactStiffness:
         if self._condensable:
             words = "Newton systems are made of K with springs in place of A"
             condensed = Method(DirectSolver, False, CondensedSystem, words)
-            if explicit is None and not last.explicit and ill_conditioned(self.elasticity):  # from the beginning
+            if explicit is None and not last.explicit and self._ill_conditioned:  # from the beginning
                 found[-1] = replace(condensed, words=last.words)
             else:
                 found.append(condensed)
@@ -459,7 +459,11 @@ class ContactStiffness:
     @property
     def _single(self) -> bool:
         """Whether factors of K are expected to be in single precision where that is faster; collective."""
-        return not self.in_double and not ill_conditioned(self.elasticity)
+        return not self.in_double and not self._ill_conditioned
+
+    @cached_property
+    def _ill_conditioned(self) -> bool:
+        return ill_conditioned(self.elasticity)
 
     @property
     def in_double(self) -> bool:
