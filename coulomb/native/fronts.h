@@ -123,77 +123,84 @@ static inline void NAME(subtract_products)(long n, int columns, const REAL *rest
     }
 }
 
-/* x <- L^-1 x in the order of elimination; on the last border, what remains of x.  `edges` are the places of the nodes
-of all borders in that order; t is as long as the longest border. */
-void NAME(forward)(long fronts, const long *own, const long *border, const long *edges, const REAL *memory, REAL *x,
-                   REAL *t)
+/* x <- L^-1 x in the order of elimination; on the last border, what remains of x.  x is `count` vectors of `size` numbers
+one after the other; every few columns of L are read once for all.  `edges` are the places of the nodes of all borders in
+that order; t is as long as `count` times the longest border. */
+void NAME(forward)(long fronts, const long *own, const long *border, const long *edges, const REAL *memory, long count,
+                   long size, REAL *x, REAL *t)
 {
-    REAL *y = x;
+    long begin = 0;
     for (long f = 0; f < fronts; f++) {
         const long e = 3 * own[f], b = 3 * border[f];
         const REAL *head = memory, *below = memory + e * e;
         int any = 0;
-        for (long i = 0; i < e; i++)
-            any |= y[i] != 0;
+        for (long v = 0; v < count; v++)
+            for (long i = begin; i < begin + e; i++)
+                any |= x[v * size + i] != 0;
         if (any) { /* contact forces act on the last fronts alone */
-            memset(t, 0, sizeof(REAL) * b);
+            memset(t, 0, sizeof(REAL) * count * b);
             for (long j = 0; j < e; j += COLUMNS) {
                 const int columns = e - j < COLUMNS ? (int)(e - j) : COLUMNS;
                 const REAL *L = head + j * e + j;
-                for (int k = 0; k < columns; k++) {
-                    y[j + k] /= L[k * e + k];
-                    for (int i = k + 1; i < columns; i++)
-                        y[j + i] -= L[k * e + i] * y[j + k];
+                for (long v = 0; v < count; v++) {
+                    REAL *y = x + v * size + begin;
+                    for (int k = 0; k < columns; k++) {
+                        y[j + k] /= L[k * e + k];
+                        for (int i = k + 1; i < columns; i++)
+                            y[j + i] -= L[k * e + i] * y[j + k];
+                    }
+                    REAL c[COLUMNS];
+                    memcpy(c, y + j, sizeof(REAL) * columns);
+                    NAME(subtract)(e - j - columns, columns, L + columns, e, c, y + j + columns);
+                    NAME(subtract)(b, columns, below + j * b, b, c, t + v * b);
                 }
-                REAL c[COLUMNS];
-                memcpy(c, y + j, sizeof(REAL) * columns);
-                NAME(subtract)(e - j - columns, columns, L + columns, e, c, y + j + columns);
-                NAME(subtract)(b, columns, below + j * b, b, c, t);
             }
-            for (long i = 0; i < border[f]; i++)
-                for (int k = 0; k < 3; k++)
-                    x[3 * edges[i] + k] += t[3 * i + k];
+            for (long v = 0; v < count; v++)
+                for (long i = 0; i < border[f]; i++)
+                    for (int k = 0; k < 3; k++)
+                        x[v * size + 3 * edges[i] + k] += t[v * b + 3 * i + k];
         }
         memory += e * (e + b);
         edges += border[f];
-        y += e;
+        begin += e;
     }
 }
 
-/* x <- L^-T x in the order of elimination, with given x on the last border. */
-void NAME(backward)(long fronts, const long *own, const long *border, const long *edges, const REAL *memory, REAL *x,
-                    REAL *t)
+/* x <- L^-T x in the order of elimination, with given x on the last border; arguments as above. */
+void NAME(backward)(long fronts, const long *own, const long *border, const long *edges, const REAL *memory, long count,
+                    long size, REAL *x, REAL *t)
 {
-    long count = 0, size = 0, all = 0;
+    long nodes = 0, begin = 0;
     for (long f = 0; f < fronts; f++) {
-        count += border[f];
-        size += 9 * own[f] * (own[f] + border[f]);
-        all += 3 * own[f];
+        nodes += border[f];
+        memory += 9 * own[f] * (own[f] + border[f]);
+        begin += 3 * own[f];
     }
-    memory += size;
-    edges += count;
-    REAL *y = x + all;
+    edges += nodes;
     for (long f = fronts - 1; f >= 0; f--) {
         const long e = 3 * own[f], b = 3 * border[f];
         memory -= e * (e + b);
         edges -= border[f];
-        y -= e;
+        begin -= e;
         const REAL *head = memory, *below = memory + e * e;
-        for (long i = 0; i < border[f]; i++)
-            for (int k = 0; k < 3; k++)
-                t[3 * i + k] = x[3 * edges[i] + k];
+        for (long v = 0; v < count; v++)
+            for (long i = 0; i < border[f]; i++)
+                for (int k = 0; k < 3; k++)
+                    t[v * b + 3 * i + k] = x[v * size + 3 * edges[i] + k];
         for (long end = e; end > 0;) {
             const int columns = end % COLUMNS ? (int)(end % COLUMNS) : COLUMNS;
             const long j = end - columns;
             const REAL *L = head + j * e + j;
-            REAL c[COLUMNS];
-            memcpy(c, y + j, sizeof(REAL) * columns);
-            NAME(subtract_products)(b, columns, below + j * b, b, t, c);
-            NAME(subtract_products)(e - end, columns, L + columns, e, y + end, c);
-            for (int k = columns - 1; k >= 0; k--) {
-                for (int i = k + 1; i < columns; i++)
-                    c[k] -= L[k * e + i] * y[j + i];
-                y[j + k] = c[k] /= L[k * e + k];
+            for (long v = 0; v < count; v++) {
+                REAL *y = x + v * size + begin, c[COLUMNS];
+                memcpy(c, y + j, sizeof(REAL) * columns);
+                NAME(subtract_products)(b, columns, below + j * b, b, t + v * b, c);
+                NAME(subtract_products)(e - end, columns, L + columns, e, y + end, c);
+                for (int k = columns - 1; k >= 0; k--) {
+                    for (int i = k + 1; i < columns; i++)
+                        c[k] -= L[k * e + i] * y[j + i];
+                    y[j + k] = c[k] /= L[k * e + k];
+                }
             }
             end = j;
         }

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -125,6 +125,23 @@ def _at_answer(problem: FrictionProblem) -> _Derivatives:
     return _Derivatives(settings, problem, Task(Goal(settings.tolerance, None), None, None, None))
 
 
+class _Right(NamedTuple):
+    """A right-hand side of the derivative's equations: loads along displacements, newtons, shape (n,), what contact
+    points owe, shape (m, 3), and loads along motions, shape (q,)."""
+
+    f: FloatArray
+    g: FloatArray
+    e: FloatArray
+
+
+class _Solved(NamedTuple):
+    """dx (m, 3), du (n,) and dalpha (q,)."""
+
+    dx: FloatArray
+    u: FloatArray
+    dalpha: FloatArray
+
+
 class _Derivatives(SemismoothIteration):
     """The iteration at an answer."""
 
@@ -136,13 +153,24 @@ class _Derivatives(SemismoothIteration):
         w, known, slope = self._w(self._A_x, self._alpha), self._problem.known_slip, self._problem.law.slope(x[0::3])
         border = self._border(w)
         points = round(self._over.sum(border.points.astype(np.float64)))
+        of_bounds = [np.where(self._at.status == 2, one.bound, 0.0)[:, None] * slips for one in changes]
+        rights = [self._right(change, of_bound) for change, of_bound in zip(changes, of_bounds, strict=True)]
+        together = len(changes) if self._problem.A.matrix_free is None else 1  # V-cycles are made one by one
+        first = [one for k in range(0, len(changes), together) for one in self._solved_for(rights[k : k + together])]
         found = []
-        for change in changes:
-            dx, dw, u, dalpha, settled = self._along(border, slips, change)
+        for change, of_bound, solved in zip(changes, of_bounds, first, strict=True):
+            dx, dw, u, dalpha, settled = self._along(border, change, of_bound, solved)
             dx[known, 1:] = ((slope * dx[:, 0] + change.bound)[:, None] * slips)[known]
             step = self._equations.nearest_change(self._x, w, dx, dw, change.bound, self._over, border.points)
             found.append(Derivative(dx.ravel(), u, self._motion(dalpha), step if settled else 0.0, points))
         return found
+
+    def _right(self, change: Change, of_bound: FloatArray) -> _Right:
+        """The right-hand side at the present point, with what the bound does to friction, newtons, shape (m, 2)."""
+        rhs = np.einsum("iab,ib->ia", self._at.Q, change.b.reshape(-1, 3) / self._a)
+        rhs[:, 1:] += of_bound
+        f = np.zeros(self._body.size) if change.f is None else change.f
+        return _Right(f, rhs, self._T @ change.e if len(self._e) else NO_MOTION)
 
     def _border(self, w: FloatArray) -> Border:
         """The points whose state is not decided by the answer, as accurately as it is known; collective."""
@@ -151,18 +179,16 @@ class _Derivatives(SemismoothIteration):
         return Border.found(self._equations, self._at, self._x, w, max(_DECIDED, _TIMES * left) * scale)
 
     def _along(
-        self, border: Border, slips: FloatArray, change: Change
+        self, border: Border, change: Change, of_bound: FloatArray, solved: _Solved
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, bool]:
-        """dx, dw, du and dalpha along a change, and whether the states of points on a border have been found;
-        collective."""
+        """dx, dw, du and dalpha along a change, and whether the states of points on a border have been found, from what
+        the bound does at the answer, newtons, shape (m, 2), and the solution with it; collective."""
         answer: ContactDerivative = self._at
         closing, bound = change.b.reshape(-1, 3) / self._a, change.bound
-        loads = self._T @ change.e if len(self._e) else NO_MOTION
-        of_bound = np.where(answer.status == 2, bound, 0.0)[:, None] * slips
-        for _ in range(_ATTEMPTS):
-            rhs = np.einsum("iab,ib->ia", self._at.Q, closing)
-            rhs[:, 1:] += of_bound
-            dx, u, dalpha = self._solved_for(change.f, rhs, loads)
+        for attempt in range(_ATTEMPTS):
+            if attempt:
+                (solved,) = self._solved_for([self._right(change, of_bound)])
+            dx, u, dalpha = solved
             dw = self._constraints.without(-self._body.rows(u).reshape(-1, 3) / self._a - closing, dalpha)
             at, turned = border.along(dx, dw, bound)
             other = np.any(at.status != self._at.status) or np.any(np.abs(at.P - self._at.P) > _SETTLED)
@@ -211,12 +237,9 @@ class _Derivatives(SemismoothIteration):
             self._over.max(rows),
         )
         size = math.hypot(self._over.norm(rows * g), float(np.linalg.norm(r3)))
-        z: FloatArray = np.zeros_like(g)
-        mu: FloatArray = np.zeros(len(self._e))
-        if size > 0.0:
-            none = np.zeros(self._body.size)
-            _, z, mu, left = krylov.solve(none, g, r3, self._accuracy * size)
-            _refuse_unsolved(left, size)
+        none = np.zeros((1, self._body.size))
+        _, (z,), (mu,), (left,) = krylov.solve(none, g[None], r3[None], np.array([self._accuracy * size]))
+        _refuse_unsolved(left, size)
         bound += np.where(self._at.status == 2, np.einsum("ka,ka->k", slips, z[:, 1:]), 0.0)
         e = -self._T.T @ mu if len(self._e) else NO_MOTION
         return Change(np.einsum("iab,ib->ia", Q, z).ravel() / self._a, bound, e), points
@@ -244,14 +267,11 @@ class _Derivatives(SemismoothIteration):
         scale = self._problem.force_scale(self._x.ravel(), self._a * self._w(self._A_x, self._alpha).ravel())
         return np.where(scale > 1e-290, scale, 1.0)
 
-    def _solved_for(
-        self, f: FloatArray | None, rhs: FloatArray, loads: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """dx, du and dalpha of the derivative of the equations at the present point, for loads along displacements, a
-        right-hand side (m, 3) and loads along motions; collective."""
+    def _solved_for(self, rights: Sequence[_Right]) -> list[_Solved]:
+        """Of the derivative of the equations at the present point; collective."""
         over, at = self._over, self._at
         rows = 1.0 / self._scale()[:, None]
-        weight, f = over.min(rows), np.zeros(self._body.size) if f is None else f
+        weight = over.min(rows)
         self._inverse.move(at)
         krylov = CoupledKrylov(
             self._body,
@@ -263,13 +283,16 @@ class _Derivatives(SemismoothIteration):
             rows,
             weight,
         )
-        size = math.hypot(over.norm(rows * rhs), weight * over.norm(f), weight * float(np.linalg.norm(loads)))
-        if size == 0.0:
-            return np.zeros_like(rhs), np.zeros_like(f), np.zeros(len(loads))
-        size = max(size, _SLIGHT * over.norm(rows * self._x))
-        u, dx, dalpha, left = krylov.solve(f, rhs, loads, self._accuracy * size)
-        _refuse_unsolved(left, size)
-        return dx, u, dalpha
+        slight = _SLIGHT * over.norm(rows * self._x)
+        sizes = [
+            max(math.hypot(over.norm(rows * g), weight * over.norm(f), weight * float(np.linalg.norm(e))), slight)
+            for f, g, e in rights
+        ]
+        f, g, e = (np.array(side) for side in zip(*rights, strict=True))
+        u, dx, dalpha, left = krylov.solve(f, g, e, self._accuracy * np.array(sizes))
+        for of, size in zip(left, sizes, strict=True):
+            _refuse_unsolved(of, size)
+        return [_Solved(*one) for one in zip(dx, u, dalpha, strict=True)]
 
 
 def _refuse_unsolved(left: float, size: float) -> None:

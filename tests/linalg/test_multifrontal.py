@@ -231,18 +231,17 @@ def test_factors_and_substitutions(dtype):
     dense = K[np.ix_(unknowns, unknowns)].astype(np.float64)
     limit = 200 * np.finfo(dtype).eps
     L = np.linalg.cholesky(dense)
-    for alone in (False, True):  # forces everywhere, and on the nodes of the last front alone
-        x = np.random.default_rng(3).standard_normal(len(unknowns)).astype(dtype)
-        if alone:
-            x[: len(x) - 3 * len(fronts[-1].own)] = 0.0
+    several = np.random.default_rng(3).standard_normal((4, len(unknowns))).astype(dtype)
+    several[1:3, : len(unknowns) - 3 * len(fronts[-1].own)] = 0.0  # on the nodes of the last front alone
+    for x in (several[0], several[1], several):
         given = x.astype(np.float64)
         factors.forward(x)
         size = np.abs(L).max() * np.abs(x).max()
-        assert np.abs(L @ x - given).max() <= limit * size
+        assert np.abs(x @ L.T - given).max() <= limit * size
         given = x.astype(np.float64)
         factors.backward(x)
         size = np.abs(L).max() * np.abs(x).max()
-        assert np.abs(L.T @ x - given).max() <= limit * size
+        assert np.abs(x @ L - given).max() <= limit * size
 
 
 # --- products with the inverse of a front: by its lower triangle, and by the columns of what is not 0 ---

@@ -415,14 +415,19 @@ class MatrixFreeCompliance(LimitedProducts):
     def elimination(self) -> Elimination:
         """K^-1 by a V-cycle."""
 
-        def begin(f: FloatArray) -> FloatArray:
+        found: list[FloatArray] = []
+
+        def begin(forces: FloatArray) -> FloatArray:
+            found[:] = map(cycle, forces)
+            return np.array([self._moved(u) for u in found])
+
+        def cycle(f: FloatArray) -> FloatArray:
             self._rhs.array[:] = f
             self._solver.approximate(self._rhs, self._u)
-            self.B.mult(self._u, self._x)
-            return self._x.array_r.copy()
+            return self._u.array_r.copy()
 
         def end(_: FloatArray) -> FloatArray:  # what contact forces leave over is for the next application
-            return self._u.array_r.copy()
+            return np.array(found)
 
         return Elimination(self._solver, self.B, begin, end)
 

@@ -166,9 +166,12 @@ class SchurCompliance(LimitedProducts):
         solver = self._solver
 
         def begin(f: FloatArray) -> FloatArray:
-            return self._rows @ solver.begin(f)
+            return (self._rows @ solver.begin(f).T).T
 
-        return Elimination(solver, self.B, begin, lambda x: solver.end(-self._forces(x)))
+        def end(x: FloatArray) -> FloatArray:
+            return solver.end(-summed(self.comm, (self._columns @ x.T).T))
+
+        return Elimination(solver, self.B, begin, end)
 
     def rotated(self, B: PETSc.Mat, turn: FloatArray) -> SchurCompliance:
         return SchurCompliance(B, self._solver, reference=self._reference)

@@ -110,13 +110,13 @@ class FirstRankSolver:
         u.array[:] = self.end(np.zeros(3 * len(self.last)))
 
     def begin(self, rhs: FloatArray) -> FloatArray:
-        """See `MultifrontalSolver`, of this rank's part of shape (n,)."""
-        f = concatenated(self.comm, rhs)
+        """See `MultifrontalSolver`, of this rank's part of shape (..., n)."""
+        f = np.ascontiguousarray(concatenated(self.comm, rhs.T).T)
         return self._of_first(lambda: self._solvers[0].begin(f))
 
     def end(self, z: FloatArray) -> FloatArray:
         """See `MultifrontalSolver`, z the same on all ranks."""
-        return self._of_first(lambda: self._solvers[0].end(z))[self._start : self._end]
+        return self._of_first(lambda: self._solvers[0].end(z))[..., self._start : self._end]
 
     def multiply(self, u: PETSc.Vec, product: PETSc.Vec) -> None:
         """product <- K u."""

@@ -6,6 +6,7 @@ the update matrices, since the first access to new memory takes about as long as
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -56,7 +57,7 @@ class FrontalFactors:
         entries = (K.indptr, K.indices, K.first, K.stride, K.values)
         assemble(len(own), own, border, self.order, borders, position, *entries, np.empty_like(position), memory)
         self._columns = own, border, position[borders], memory
-        self._work = np.empty(3 * int(border.max(initial=0)), dtype=self.dtype)
+        self._widest, self._work = 3 * int(border.max(initial=0)), np.empty(0, dtype=self.dtype)
         self.heads: list[Real] = []
         self.below: list[Real] = []
         at = 0
@@ -101,30 +102,38 @@ class FrontalFactors:
         self._extend(rest, child, len(child), len(front.runs), front.runs, own, len(below), into, below)
 
     def forward(self, x: Real) -> None:
-        """x <- L^-1 x in the order of elimination, shape (3 k,)."""
-        self._forward(len(self.heads), *self._columns, x, self._work)
+        """x <- L^-1 x in the order of elimination, shape (3 k,) or (c, 3 k)."""
+        self._substitute(self._forward, x)
 
     def backward(self, x: Real) -> None:
-        """x <- L^-T x in the order of elimination, shape (3 k,)."""
-        self._backward(len(self.heads), *self._columns, x, self._work)
+        """x <- L^-T x in the order of elimination, shape (3 k,) or (c, 3 k)."""
+        self._substitute(self._backward, x)
+
+    def _substitute(self, kernel: Callable[..., Any], x: Real) -> None:
+        count = len(x) if x.ndim == 2 else 1
+        if len(self._work) < count * self._widest:
+            self._work = np.empty(count * self._widest, dtype=self.dtype)
+        kernel(len(self.heads), *self._columns, count, x.shape[-1], x, self._work)
 
     def solve(self, rhs: FloatArray) -> FloatArray:
         """K^-1 rhs, shapes (n, 3), in this precision."""
         return self.substituted(*self.eliminated(rhs))
 
-    def eliminated(self, rhs: FloatArray) -> tuple[Real, float]:
-        """L^-1 rhs (n, 3) in the order of elimination, shape (3 k,), over a number, and this number."""
-        size = float(np.max(np.abs(rhs), initial=0.0)) or 1.0  # single precision has a small range
-        x = (rhs[self.order] / size).astype(self.dtype).ravel()
+    def eliminated(self, rhs: FloatArray) -> tuple[Real, FloatArray]:
+        """L^-1 rhs (..., n, 3) in the order of elimination, shape (..., 3 k), over numbers, and these (..., 1)."""
+        size = np.max(np.abs(rhs), axis=(-2, -1), initial=0.0)[..., None]  # single precision has a small range
+        size = np.where(size > 0.0, size, 1.0)
+        ordered = (rhs[..., self.order, :] / size[..., None]).astype(self.dtype, order="C")
+        x = ordered.reshape(*rhs.shape[:-2], -1)
         self.forward(x)
         return x, size
 
-    def substituted(self, x: Real, size: float) -> FloatArray:
-        """L^-T x, shape (n, 3), times a number; x (3 k,) is overwritten."""
+    def substituted(self, x: Real, size: FloatArray) -> FloatArray:
+        """L^-T x, shape (..., n, 3), times numbers (..., 1); x (..., 3 k) is overwritten."""
         self.backward(x)
-        solution = np.empty((len(self.order), 3))
-        solution[self.order] = x.reshape(-1, 3)
-        solution *= size
+        solution = np.empty((*x.shape[:-1], len(self.order), 3))
+        solution[..., self.order, :] = x.reshape(solution.shape)
+        solution *= size[..., None]
         return solution
 
 

@@ -257,20 +257,25 @@ class MultifrontalSolver:
         u.array[:] = self.end(np.zeros(3 * len(self.last)))
 
     def begin(self, rhs: FloatArray) -> FloatArray:
-        """Displacements of the nodes `last`, shape (3 last,), under forces rhs (n,), to the accuracy of the factors."""
-        self._begun, self._unit = self._factors.eliminated(rhs.reshape(-1, 3))
-        trsv = strsv if self.single else dtrsv
-        parts = [trsv(L, self._begun[here], lower=1, trans=1) for L, here in self._last_fronts()]
-        return np.concatenate([np.empty(0), *parts]) * self._unit
+        """Displacements of the nodes `last`, shape (..., 3 last), under forces rhs (..., n), to the accuracy of the
+        factors."""
+        self._begun, self._unit = self._factors.eliminated(rhs.reshape(*rhs.shape[:-1], -1, 3))
+        parts = [self._substituted(L, self._begun[..., here], trans=1) for L, here in self._last_fronts()]
+        return np.concatenate([np.empty((*rhs.shape[:-1], 0)), *parts], axis=-1) * self._unit
 
     def end(self, z: FloatArray) -> FloatArray:
-        """The displacement, shape (n,), under the forces of `begin` and z (3 last,) on the nodes `last`; these are
-        forgotten."""
-        trsv, x, start = strsv if self.single else dtrsv, self._begun, 0
+        """The displacement, shape (..., n), under the forces of `begin` and z (..., 3 last) on the nodes `last`; these
+        are forgotten."""
+        x, start, z = self._begun, 0, z / self._unit
         for L, here in self._last_fronts():
-            x[here] += trsv(L, (z[start : start + len(L)] / self._unit).astype(x.dtype), lower=1)
+            x[..., here] += self._substituted(L, z[..., start : start + len(L)].astype(x.dtype), trans=0)
             start += len(L)
-        return self._factors.substituted(x, self._unit).ravel()
+        return self._factors.substituted(x, self._unit).reshape(*x.shape[:-1], -1)
+
+    def _substituted(self, L: Real, x: Real, trans: int) -> Real:
+        """L^-1 x, or L^-T x, shapes (..., rows of L)."""
+        trsv = strsv if self.single else dtrsv
+        return np.array([trsv(L, row, lower=1, trans=trans) for row in x.reshape(-1, len(L))]).reshape(x.shape)
 
     def _last_fronts(self) -> list[tuple[Real, slice]]:
         """L of the nodes `last` of each body, and their places in the order of elimination."""
