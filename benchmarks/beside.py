@@ -33,10 +33,11 @@ SIZES: Final = {
     "pin_joint": (0.0, 1.2),
     "press_fit": (0.0, 1.8),
     "seal": (1.0, 0.0),
-    "dome": (1.0, 0.0),
+    "dome": (1.0, 1.8),
 }
 """Factors of the mesh sizes of each part in first and second order; 0: not measured, of curved faces that fit
-each other in first order, whose chords gape or overlap by more than their clearance, and of large motions in second."""
+each other in first order, whose chords gape or overlap by more than their clearance; of the seal in second order gmsh
+makes prisms."""
 
 PEERS: Final = ("CalculiX", "GetFEM")
 _AUGMENTATIONS: Final = (1.0, 0.1, 0.01)
