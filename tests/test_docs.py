@@ -131,14 +131,6 @@ def _arguments(annotation):
         yield from _arguments(argument)
 
 
-def test_the_example_beside_another_program_runs(tmp_path):
-    page = (ROOT / "docs" / "coming-from.md").read_text()
-    (case,) = re.findall(r"```toml\n(.*?)```", page, flags=re.S)
-    (tmp_path / "pair.toml").write_text(case)
-    done = run_coulomb("run", "pair.toml", "--set", "output.picture=false", cwd=tmp_path)
-    assert "certificate passed" in done.stdout, done.stderr
-
-
 def test_it_builds(tmp_path):
     """`--quiet` would hide warnings from `--strict`, links that lead nowhere among them."""
     pytest.importorskip("mkdocs")
