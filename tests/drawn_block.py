@@ -15,18 +15,18 @@ def shifted(size):
     return lambda x: size * np.array([np.sin(3.0 * x[1] + x[2]), np.cos(2.0 * x[0] - x[2]), 0.5 * np.sin(2.0 * x[0])])
 
 
-def drawn(poisson=0.3, rough=0.0, stiff=0.0, shape=0.0):
+def drawn(poisson=0.3, rough=0.0, stiff=0.0, shape=0.0, friction=1.0, pressed=1.0, pulled=1.0, young=1.0):
     """A block, pressed, pulled until most of it slips, and pushed back; friction and modulus differ by place."""
     return coulomb.ContactProblem(
         coulomb.moved(coulomb.box((1.0, 1.0, 0.5), (3, 2, 2)), shifted(shape)),
-        coulomb.Material(lambda x: 1e9 * np.exp(stiff * np.sin(5.0 * x[0] + x[2])), poisson),
-        [coulomb.PrescribedDisplacement("right", (2.5e-3, 0.0, 0.0), "x", amplitude=[(1.0, 0.0), *CYCLE[2:]])],
+        coulomb.Material(lambda x: 1e9 * young * np.exp(stiff * np.sin(5.0 * x[0] + x[2])), poisson),
+        [coulomb.PrescribedDisplacement("right", (2.5e-3 * pulled, 0.0, 0.0), "x", amplitude=[(1.0, 0.0), *CYCLE[2:]])],
         coulomb.Contact(
             "bottom",
-            friction=lambda x: 0.4 * np.exp(rough * np.cos(3.0 * x[0] + 2.0 * x[1])),
+            friction=lambda x: 0.4 * friction * np.exp(rough * np.cos(3.0 * x[0] + 2.0 * x[1])),
             foundation=coulomb.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
         ),
-        [coulomb.Pressure("top", 2e6, amplitude=[(0.0, 0.0), (1.0, 1.0), (3.0, 0.8)])],
+        [coulomb.Pressure("top", 2e6 * pressed, amplitude=[(0.0, 0.0), (1.0, 1.0), (3.0, 0.8)])],
     )
 
 

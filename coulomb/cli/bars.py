@@ -122,7 +122,7 @@ _SECOND: Final = 1.8
 
 _ACCURACY: Final = 1e-10
 _OF_ANSWER: Final = 1e-6
-"""Tolerance of the answers compared, and remainder over the forces up to which these are linear."""
+"""Tolerance of the answers compared, and remainder over forces and displacements up to which these are linear."""
 
 
 class TaylorTest:
@@ -137,41 +137,44 @@ class TaylorTest:
         h = min(_FARTHEST, 0.5 * one.step)
         if h < _NEAREST:
             return {"passed": None, "words": "not verified: a contact point changes its state too soon"}
-        left, size = list[float](), 0.0
+        left, along = list[float](), (one.contact_force, one.displacement.ravel())
         try:
             for change in (h, 0.5 * h):
                 after = self._answer(scaled(self._settings, one.name, 1.0 + change))
-                if self._over.any(after.shape != one.contact_force.shape):
+                if self._over.any(after[0].shape != one.contact_force.shape):
                     return {"passed": None, "words": "not verified: other nodes become contact points"}
-                left.append(self._over.norm(after - self._before - change * one.contact_force))
-                size = max(size, self._over.norm(after))
+                each = zip(after, self._before, along, strict=True)
+                parts = [self._over.norm(x - y - change * z) / (self._over.norm(x) or 1.0) for x, y, z in each]
+                left.append(math.hypot(*parts))
         except NotScaled as reason:
             return {"passed": None, "words": f"not verified: {reason}"}
         except (NotConverged, StepFailed) as failure:
             return {"passed": None, "words": f"not verified: {failure}"}
-        of_answer, percent = left[0] / (size or 1.0), f"{100.0 * h:.2g} %"
+        of_answer, percent = left[0], f"{100.0 * h:.2g} %"
         order = math.log2(left[0] / left[1]) if left[1] > 0.0 else math.inf
         found = {"change": h, "remainder": of_answer, "order": order if math.isfinite(order) else None}
         if of_answer <= _OF_ANSWER:
             return {**found, "passed": True, "words": f"verified: linear to {of_answer:.0e} up to {percent}"}
-        words = f"{of_answer:.1e} of the forces is left over at {percent}, of order {order:.2f}"
+        words = f"{of_answer:.1e} of forces and displacements is left over at {percent}, of order {order:.2f}"
         passed = order >= _SECOND
         return {**found, "passed": passed, "words": f"{'verified' if passed else 'NOT VERIFIED'}: {words}"}
 
     @cached_property
-    def _before(self) -> FloatArray:
-        """The forces of the case as it is, as accurately as those of the changed ones."""
+    def _before(self) -> tuple[FloatArray, FloatArray]:
+        """Those of the case as it is, as accurately as those of the changed ones."""
         return self._answer(self._settings)
 
-    def _answer(self, case: Case) -> FloatArray:
-        """The contact forces of a case at the time of the answer."""
+    def _answer(self, case: Case) -> tuple[FloatArray, FloatArray]:
+        """Contact forces and displacements of a case at the time of the answer."""
         tolerance = min(case.solver.tolerance, _ACCURACY)
         with without_remarks():
             problem = case.problem(self._like.problem.comm)
             if case.history is None:
-                return problem.solve(tolerance, case.contact_solver()).contact_force
-            *_, last = replace(case.load_history(), tolerance=tolerance).steps(problem)
-            return last.solution.contact_force
+                found = problem.solve(tolerance, case.contact_solver())
+            else:
+                *_, last = replace(case.load_history(), tolerance=tolerance).steps(problem)
+                found = last.solution
+            return found.contact_force, found.displacement.ravel()
 
 
 def error_bars(session: Session, settings: Case, solution: Solution) -> dict[str, Any]:

@@ -276,8 +276,8 @@ def show_error_bars(console: Console, contents: dict[str, Any], tolerance: float
     warn(*(contents.get("error") or {}).get("warnings", ()))
 
 
-_NOTHING: Final = 1e-10
-"""Change of a force over the largest that is a rounding error."""
+_NOTHING: Final = 1e-8
+"""Change of a force over the largest that is an error of the derivatives."""
 
 
 def show_sensitivity(console: Console, contents: dict[str, Any]) -> None:

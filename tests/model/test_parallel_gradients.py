@@ -27,7 +27,7 @@ def glued():
     )
 
 
-def bolted(force=1e4):
+def bolted(force=1.0, friction=1.0, young=1.0, pulled=1.0):
     """A bolt that is tightened, locked and loaded, in two parts, and two sleeves under its head."""
     side = 0.02
 
@@ -41,13 +41,13 @@ def bolted(force=1e4):
         one=part((side, side, 0.1), (1, 1, 2), (0.0, 0.0, 0.0)),
         two=part((side, side, 0.1), (1, 1, 2), (2 * side, 0.0, 0.0)),
     )
-    bolt = coulomb.Pretension("up:bottom", "low:top", force=force, amplitude=[(0, 0), (1, 1)], lock=1.0)
+    bolt = coulomb.Pretension("up:bottom", "low:top", force=1e4 * force, amplitude=[(0, 0), (1, 1)], lock=1.0)
     return coulomb.ContactProblem(
         bodies,
-        coulomb.Material(2e11, 0.3),
+        coulomb.Material(2e11 * young, 0.3),
         [coulomb.Clamp(f"{name}:bottom") for name in ("low", "one", "two")],
-        [coulomb.Contact(f"{name}:top", 0.1, against="head:bottom") for name in ("one", "two")],
-        [coulomb.TotalForce("head:right", (1.5e3, 0.0, 1e3), amplitude=[(1, 0), (2, 1), (3, -0.5)])],
+        [coulomb.Contact(f"{name}:top", 0.1 * friction, against="head:bottom") for name in ("one", "two")],
+        [coulomb.TotalForce("head:right", (1.5e3 * pulled, 0.0, 1e3 * pulled), amplitude=[(1, 0), (2, 1), (3, -0.5)])],
         ties=[coulomb.Tied("up:top", "head:bottom"), bolt],
         small_strain="warn",
     )
@@ -94,16 +94,18 @@ def test_backwards_they_agree_with_derivatives_forward(make):
             sums = [owed(answer, gradient, kind, of.strip("'")) for answer, gradient in found]
             assert OVER.comm.allreduce(sum(sums)) == pytest.approx(value, abs=1e-10 * size), (name, every)
             if name == "pretension":
-                more, less = bolted(1.01e4), bolted(0.99e4)
+                more, less = bolted(1.01), bolted(0.99)
                 between = sum(gradient.between(more, less) for _, gradient in found)
                 assert between == pytest.approx(0.02 * value, rel=1e-6)
 
 
 def owed_by_name(answer, gradient):
-    """This rank's part of what the function owes to inputs of a step of large motions."""
+    """This rank's part of what the function owes to inputs of a step, as they are called there."""
     problem, body, size = answer.problem, answer.problem.elasticity, MPI.COMM_WORLD.size
     constraints, time, before = body.constraints, problem.time, problem.before
-    rates = np.concatenate([one.body.prescribed_rate(before and before.time) for one in body.members])
+    rates = body.at(time).prescribed
+    if problem.body.undeformed is not None:
+        rates = np.concatenate([one.body.prescribed_rate(before and before.time) for one in body.members])
     owed = {"prescribed displacements": np.sum(gradient.prescribed * rates), "pretension": 0.0}
     for one in constraints.motions:
         owed["prescribed displacements"] += gradient.motions[one.given.face] @ one.values(time, problem.comm) / size
@@ -111,11 +113,14 @@ def owed_by_name(answer, gradient):
         kind = "prescribed displacements" if one.given.force is None else "pretension"
         owed[kind] += gradient.pretension[one.face] * one.given.value(time, problem.comm) / size
     for number, face in enumerate(problem.surface.faces):
-        owed[f"friction of {face!r}"] = np.sum((gradient.bound * answer.slip_bound)[problem.surface.part == number])
-    for one in body.members:
-        owed[f"young of {one.name!r}"] = gradient.young[one.name].sum()
+        here = problem.surface.part == number
+        owed[f"friction of {face!r}"] = np.sum((gradient.bound * answer.slip_bound)[here])
+        owed[f"gap of {face!r}"] = np.sum((gradient.gap * answer.at_nodes.given_gap)[here])
+    for name, along in gradient.young.items():
+        owed[f"young of {name!r}" if name else "young"] = along.sum()
     for one in body.loads_in(problem.loading):
-        owed[f"{one.kind.replace('_', ' ')} on {one.face!r}"] = np.sum(gradient.load * one.forces)
+        where = f" on {one.face!r}" if one.face else ""
+        owed[f"{one.kind.replace('_', ' ')}{where}"] = np.sum(gradient.load * one.forces)
     for one in body.spring_forces(answer.displacement):
         owed[f"stiffness of the spring on {one.face!r}"] = np.sum(gradient.load * one.forces)
     return owed

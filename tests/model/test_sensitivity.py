@@ -295,6 +295,7 @@ def test_each_input_of_a_case_is_verified_by_answers_of_the_changed_case(tmp_pat
     assert bars.TaylorTest(twice, step.solution).of(force)["words"] == "not verified: there are several of this name"
     wrong = verify.of(replace(one, contact_force=1.1 * one.contact_force))
     assert wrong["passed"] is False and "NOT VERIFIED" in wrong["words"]
+    assert verify.of(replace(one, displacement=1.1 * one.displacement))["passed"] is False
     assert sensitivity_entries(found, True)["sensitivity"][0]["reactions"]
 
 
@@ -348,7 +349,7 @@ def test_tolerances_of_inputs_along_a_history_on_the_command_line(tmp_path):
         "[output]\npicture = false\n[output.sensitivity]\n\"friction of 'bottom'\" = 0.1\n"
         '"pressure on \'top\'" = 0.03\n"prescribed displacements" = 0.02\nyoung = 0.05\nyung = 1.0\n'
     )
-    done = run_coulomb("run", case, "--report", cwd=tmp_path)
+    done = run_coulomb("run", case, "--report", "--sensitivity", cwd=tmp_path)
     assert "Which input matters" in (tmp_path / "results" / "report.html").read_text()
     assert "output.sensitivity: there is no input 'yung'; there are \"friction of 'bottom'\"" in done.stderr
     assert "with the tolerances given" in done.stdout

@@ -81,8 +81,8 @@ def other_totals(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, dict[st
                 yield total, unit, {given: found[given] for given in shown}
 
 
-_ROUNDING: Final = 1e-10
-"""Change of a total over the largest that is a rounding error."""
+_ROUNDING: Final = 1e-8
+"""Change of a total over the largest that is an error of the derivatives."""
 
 _OTHERS: Final = (
     ("totals", "contact area of", "contact_area", "m²"),
