@@ -40,7 +40,7 @@ SLOWEST, FASTEST = 0.7, 1.2
 """Bounds of the order q: totals have twice the order of the energy norm, which is at most 3/4 at the edge of a contact
 (there u ~ r^(3/2), and half a cell of it is where the state changes), and about 1/3 at edges of clamped faces; on
 coarse meshes smooth parts of the error, which vanish first, make it seem larger.  The bounds are from measurement
-(docs/measurements.md): with 1.5 and a safety factor of 1.5 bars are as wide, and up to 3 % more numbers are outside, of
+(error-bars-rules.csv): with 1.5 and a safety factor of 1.5 bars are as wide, and up to 3 % more numbers are outside, of
 stacks with a face in two pairs and of rubbing histories.  Of even contact (`even_contact`) the errors of the stress
 tell them (`_bounds`)."""
 

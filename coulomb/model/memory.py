@@ -2,7 +2,7 @@
 
 The need is a formula with n displacement and m contact unknowns, fitted to measurements of the block, and within a
 factor of two for similar bodies: nested dissection of a body in 3D fills the factor with n^(4/3) numbers, the Schur
-complement on the contact nodes is a dense matrix m x m, and multigrid is linear in n (docs/measurements.md).
+complement on the contact nodes is a dense matrix m x m, and multigrid is linear in n (memory.csv).
 """
 
 from __future__ import annotations

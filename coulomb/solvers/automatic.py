@@ -51,7 +51,7 @@ class Automatic(SolverSettings):
     takes fewer steps from there, and if it fails the path is followed further.
 
     From the forces of a load step before, the semismooth Newton method is tried first: it takes a third of the steps of
-    the interior-point method, or ends after a few (`docs/measurements.md`).
+    the interior-point method, or ends after a few (warm-starts.csv).
 
     On the block the first needs a quarter of the products of the second, for all sizes and friction coefficients
     (`python -m benchmarks friction`).  Of random ill-conditioned problems, each solves some that the other does not.

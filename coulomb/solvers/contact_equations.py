@@ -14,7 +14,7 @@ is
 in place of h = e, beta = 1 (S. Hueeber, G. Stadler, B. Wohlmuth: A primal-dual active set algorithm for
 three-dimensional contact problems with Coulomb friction, SIAM J. Sci. Comput. 30, 2008).  Both agree at a solution.
 Away from it h is inside the unit disc, which is what lets full steps converge: with h = e most of the load steps
-measured did not converge without shorter steps (docs/measurements.md).
+measured did not converge without shorter steps (semismooth-variants.csv).
 """
 
 from __future__ import annotations

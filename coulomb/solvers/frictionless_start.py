@@ -38,7 +38,7 @@ from .newton_systems import NewtonSystem
 from .scaled_problem import Iterate, ScaledProblem
 
 _SHARE: Final = 3e-3
-"""theta over the elastic energy per node that carries, x^T A x (x . x)/(sum x)^2 (docs/measurements.md)."""
+"""theta over the elastic energy per node that carries, x^T A x (x . x)/(sum x)^2 (interior-point-settings.csv)."""
 
 _CENTRED: Final = 0.6
 """Root mean square of (w_n - nu_1)/nu_1 with nu_1 = theta/(x_n - lower) at which forces are near enough to the path."""

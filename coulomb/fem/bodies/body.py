@@ -280,7 +280,7 @@ def cell_measure(domain: Any) -> Any:
     Hexahedra of first order have 2 x 2 x 2 points, exact up to degree 3 in each direction.  The nodal forces of a
     constant stress have degree 2 there on cells of any shape, so that patch tests hold to rounding; so has the
     stiffness of a parallelepiped.  On other cells the stiffness is rational, and 27 points, UFL's choice, change the
-    answer by less than a hundredth of the error of the mesh (docs/measurements.md).  8 points leave no motion but the
+    answer by less than a hundredth of the error of the mesh (integration-points.csv).  8 points leave no motion but the
     rigid ones without energy, and take a third of the time.
 
     On linear tetrahedra the points are UFL's choice, one.  In second order the rule is exact for a constant stress on

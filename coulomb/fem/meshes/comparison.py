@@ -38,7 +38,7 @@ four with a quarter of it, so that less than half of all is left."""
 STEEPER: Final = 1.2
 """Power of the density of parts of a slab, over that with which all parts have equal errors.  Forces converge faster
 with more than 1, as they depend on singular edges more than the energy does; from 1.3 on the rest becomes too coarse
-(docs/measurements.md, "Meshes that refine themselves")."""
+(refinement-rules.csv)."""
 
 STEEPEST: Final = 3.0
 """Factor by which the width of a slab of a box changes at most in one refinement, over that of all others."""

@@ -133,7 +133,7 @@ def turned_diagonal(diagonal: FloatArray, learnt: RecycledColumns, turn: FloatAr
 
 
 REPLACED: Final = 0.9
-"""Part of D that is replaced on the span of inexact products in path following (docs/measurements.md)."""
+"""Part of D that is replaced on the span of inexact products in path following (inexact-products.csv)."""
 
 _SEEN: Final = 0.5
 """Least part of the bound of the rest that is left where inexact products show that little of A is new; with all of it,

@@ -12,7 +12,7 @@ In a load history the factors are made once, and a later step costs a third to t
 multigrid it takes about as many iterations as the first.
 
 The constants are least squares of processor seconds on one thread over the block (p = 6 to 24) and parts with 2 000 to
-80 000 unknowns; their ratios matter (docs/measurements.md).  What they are fitted to:
+80 000 unknowns; their ratios matter (factors-or-multigrid.csv).  What they are fitted to:
 
     python -m benchmarks parts --method direct --method iterative --clscale 1 --clscale 0.5 --clscale 0.3
     python -m benchmarks scaling --method direct --p 10 --p 16 --p 24                 # and --method iterative

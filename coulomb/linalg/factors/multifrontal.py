@@ -79,7 +79,7 @@ class DenseInverse:
 
 
 SINGLE_FROM: Final = 5e8
-"""Operations from which single precision is faster, refinement included (docs/measurements.md)."""
+"""Operations from which single precision is faster, refinement included (single-precision.csv)."""
 
 
 _MANY: Final = 1 / 8

@@ -267,7 +267,7 @@ SECOND_ORDER_STEPS: Final = 1
 
 TWICE_FROM: Final = 1000
 """Unknowns per rank from which a visit of a distributed coarse grid after the first is two cycles (W-cycle): on smaller
-ones messages take longer than products, and parts take as many iterations without (docs/cluster.md)."""
+ones messages take longer than products, and parts take as many iterations without (cycles.csv)."""
 
 _STALLED: Final = 0.7  # unknowns over those of the finer grid from which on ranks have a grid as a whole
 
