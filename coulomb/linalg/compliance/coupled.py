@@ -194,13 +194,15 @@ class _Space:
         """The direction of the latest v, with its image."""
         k, over = self._count, self._over
         v, parts = self._v[: k + 1], self._parts[:, k]
-        size = over.norm(image)
+        square = over.dot(image, image)  # of the size of 1, as v
         while True:
-            seen, before = over.total(v @ image), size
-            image, parts[: k + 1] = image - seen @ v, parts[: k + 1] + seen
-            size = over.norm(image)
-            if not 0.0 < size < _AGAIN * before:
+            seen, before = over.total(v @ image), square
+            image -= seen @ v
+            parts[: k + 1] += seen
+            square = over.dot(image, image)
+            if not 0.0 < square < _AGAIN**2 * before:
                 break
+        size = math.sqrt(square)
         self._z[k], parts[k + 1] = z, size
         self._v[k + 1] = image / size if size > 0.0 else 0.0
         self._count = k + 1
