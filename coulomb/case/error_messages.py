@@ -17,6 +17,7 @@ from typing_extensions import TypeAliasType
 from .contact import BY_PRESSURE, BY_SLIP_RATE, FACE, FACES
 from .curves import CURVE, ROWS_ALONE, CurveTable, columns_of
 from .material import ONE, ONE_NUMBER, SEVERAL, THREE_NUMBERS
+from .solver import ASKED, TOLERANCES
 from .synonyms import example, in_its_place, right
 from .values import EXPRESSION, FIELD, ISOTROPIC, NUMBER, ORTHOTROPIC
 
@@ -31,7 +32,7 @@ _FIRST_KEY = {
 
 _TAGS = (
     *(ONE, SEVERAL, FACE, FACES, ISOTROPIC, ORTHOTROPIC, BY_SLIP_RATE, BY_PRESSURE, CURVE, ROWS_ALONE),
-    *(NUMBER, EXPRESSION, FIELD, ONE_NUMBER, THREE_NUMBERS),
+    *(NUMBER, EXPRESSION, FIELD, ONE_NUMBER, THREE_NUMBERS, ASKED, TOLERANCES),
 )
 """Alternatives in the place of an error, which the user does not write."""
 
@@ -116,7 +117,7 @@ def _explain(entry: Any, case: _Model) -> str:
     other = entry["type"] in {*_OTHER_TYPES, *_OTHER_KINDS} and bool(location) and isinstance(location[-1], str)
     better = in_its_place(names.rpartition(".")[0], str(location[-1]), given) if other else ""
     instead = f": write {better}" if better else ""
-    usual = example(str(location[0]), str(location[-1])) if location else ""
+    usual = example(str(location[0]), str(location[-1])) if location and TOLERANCES not in place else ""
     for_example = f", for example {usual}" if usual else ""
     if entry["type"] == "missing" and isinstance(location[-1], str) and place == entry["loc"]:
         return f"{key}: is missing{for_example}"
