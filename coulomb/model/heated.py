@@ -40,9 +40,9 @@ def heated(
     """The answer with the temperature that it causes itself: contact and conduction are solved in turn, from the
     temperature of the load step before."""
 
-    def at(change: FloatArray, flows: Heat | None = None) -> DiscreteProblem:
-        loading = posed.elasticity.heated(posed.loading, change)
-        return posed.in_state(replace(posed.state, loading=loading, heat=flows), posed.seconds, posed.before)
+    def at(change: FloatArray, one: DiscreteProblem = posed, flows: Heat | None = None) -> DiscreteProblem:
+        loading = one.elasticity.heated(posed.loading, change)
+        return one.in_state(replace(one.state, loading=loading, heat=flows), one.seconds, one.before)
 
     over, factor, step = Reductions(posed.comm), 1.0, None
     change: FloatArray = np.zeros(len(posed.elasticity.x))
@@ -57,12 +57,12 @@ def heated(
             raise HeatNotConverged(str(error), replace(answer.result, status=Status.STAGNATED)) from None
         apart = float(over.max(np.abs(found - change)) / (over.max(np.abs(found)) or 1.0))
         if apart <= AGREEMENT:
-            last = answer_of(at(found), answer.result)
+            last = answer_of(at(found, answer.problem), answer.result)  # foundations under load where they rest
             flows = heat.flows(*at_contact(last), found)
             loose = not answer.certificate.passed  # the solver was not asked for it
             if (last.certificate.passed or loose) and flows.balanced:
                 whole = replace(last.result, newton_steps=steps, products=products)  # of all rounds
-                there = at(found, replace(flows, rounds=rounds, agreement=apart))
+                there = at(found, answer.problem, replace(flows, rounds=rounds, agreement=apart))
                 return replace(last, problem=there, result=whole)
         if step is not None:  # Aitken's relaxation
             turn = found - change - step

@@ -208,6 +208,31 @@ def test_thermal_strain_and_conductance_agree(cell, degree):
     assert solution.heat.rounds > 2  # one is not enough
 
 
+def test_a_plate_under_a_force_follows_the_expansion():
+    """The force gives the pressure, this the heat that flows, and both how far the plate moves."""
+    young, expansion, k, length, warm, plate, force = 2e11, 1.2e-5, 50.0, 0.05, 80.0, 20.0, 4e3
+    solution = ContactProblem(
+        box((0.02, 0.02, length), (2, 3, 4)),
+        steel(expansion, poisson=0.0),
+        [Clamp("bottom", "z"), *(SymmetryPlane(side) for side in SIDES)],
+        Contact(
+            "top",
+            0.0,
+            foundation=Plane((0.0, 0.0, length), (0.0, 0.0, -1.0)),
+            thermal=ThermalContact(factor=4e4, hardness=1e9, exponent=1.0, temperature=plate),
+            force=(None, None, -force),
+        ),
+        heat=[HeatLoad("bottom", temperature=warm)],
+        reference_temperature=20.0,
+    ).solve()
+    p = force / 4e-4
+    flux = (warm - plate) / (length / k + 1e9 / (4e4 * p))
+    longer = (expansion * (warm - flux * length / (2.0 * k) - 20.0) - p / young) * length
+    assert solution.valid and solution.heat.balanced
+    assert flows(solution.heat)["heat_foundation_top"] == pytest.approx(-flux * 4e-4, rel=1e-8)
+    assert solution.loaded_foundations[0].translation == pytest.approx((0.0, 0.0, longer), rel=1e-8)
+
+
 def slider(share=0.3, expansion=0.0, factor=2e4):
     """A block that is pressed on a cold floor, then pushed along x at 2 mm/s, faster than it sticks."""
     return ContactProblem(
