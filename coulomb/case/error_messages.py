@@ -168,7 +168,8 @@ def _meant(location: tuple[int | str, ...], given: Any, case: _Model) -> str:
     known: dict[str, list[str]] = {}
     for place, model, _ in tables:
         known[place] = list(dict.fromkeys([*known.get(place, []), *model.model_fields]))
-    if better := right(here, name, given, known.get(here, ())):
+    above = here.rpartition(".")[0]
+    if not (above and name in known[above]) and (better := right(here, name, given, known.get(here, ()))):
         return f": {better}"
     curves = {place for place, model, _ in tables if issubclass(model, CurveTable)}
     several = tables_of_several(case)
