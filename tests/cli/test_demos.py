@@ -446,6 +446,7 @@ def test_demo_o_ring():
     assert 4.0 * force / (np.pi * modulus) * (np.log(4.0 * radius / b) - 0.5) == pytest.approx(2e-4, rel=0.03)
     assert np.all(found["outside_normal_force"][:2] == 0.0) and found["outside_normal_force"][-1] > 50.0
     assert found["above_friction_force"][-1] == pytest.approx(0.1 * found["above_normal_force"][-1], rel=1e-4)
+    assert np.abs(found["force_z"]).max() < 1e-9  # nodes at the middle, on two planes, do not slip around the axis
 
 
 def test_demo_seal():
