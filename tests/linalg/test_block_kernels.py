@@ -15,6 +15,7 @@ from benchmarks.block import block
 from coulomb import Clamp, Material, box, native
 from coulomb.fem.bodies.elasticity import Elasticity
 from coulomb.linalg.compliance import stiffness
+from coulomb.linalg.factors import NotPositiveDefinite
 from coulomb.linalg.multigrid import block_matrix, recycled_cg
 from coulomb.linalg.multigrid.block_matrix import (
     padded,
@@ -71,6 +72,16 @@ def test_a_mesh_that_has_one_grid():
     solver.solve(f, u)
     assert (K * u - f).norm() <= 1e-10 * f.norm()
     solver.destroy()
+
+
+def test_a_negative_diagonal_is_no_rounding_error():
+    """As of a tangent beyond the load at which a body buckles: its smoother would take roots of it."""
+    K = block(4, 0.3).elasticity.K
+    diagonal = K.getDiagonal()
+    diagonal.array[7] *= -1.0
+    K.setDiagonal(diagonal)
+    with pytest.raises(NotPositiveDefinite, match="not positive definite"):
+        stiffness.IterativeSolver(K)
 
 
 def test_threads_change_rounding_only(monkeypatch):

@@ -11,6 +11,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
+from ..factors import NotPositiveDefinite
 from ..multigrid import RecycledCG, multigrid, padded
 from ..petsc_arrays import CHOLESKY, configured_ksp
 from ..reductions import summed
@@ -154,6 +155,7 @@ class IterativeSolver:
         tolerance: |K u - rhs| / |rhs|, well below the tolerances of the CG that uses A = B K^-1 B^T.
 
     Raises:
+        NotPositiveDefinite: On every rank, if a diagonal entry of K, or of a coarser grid, is not positive.
         CGNotConverged: From solve, if 1000 iterations are not enough, or K is not positive definite, to rounding.
         TooSlow: From solve, after the iterations of `allow`.
     """
@@ -167,9 +169,13 @@ class IterativeSolver:
         self._soft: SoftMotions | None = None
         interpolation = K.getAttr("interpolation")
         P = None if interpolation is None else interpolation()
-        self._cycle = cycle = multigrid(K, P)
-        if P is not None:
-            P.destroy()
+        try:
+            self._cycle = cycle = multigrid(K, P)
+        except CGNotConverged as failure:
+            raise NotPositiveDefinite(str(failure)) from None
+        finally:
+            if P is not None:
+                P.destroy()
         self._u, self._parts, comm = padded(cycle.size), parts_of(K), K.comm.tompi4py()
         self._cg = RecycledCG(comm, cycle.size, cycle.mult, self._precondition, _DIRECTIONS, _ITERATIONS, cycle)
 

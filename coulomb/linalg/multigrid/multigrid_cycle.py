@@ -26,6 +26,7 @@ from scipy.linalg.blas import dtrsv
 from ...arrays import FloatArray, side_by_side
 from ..petsc_arrays import DistributedEntries, Entries, configured_ksp, distributed_entries
 from ..reductions import Reductions, concatenated
+from ..solve_errors import CGNotConverged
 from .block_matrix import (
     BlockInterpolation,
     DistributedBlocks,
@@ -138,6 +139,9 @@ class Level:
         steps: Of the smoother before and after the coarser grids.
         accurate: Whether products by K are as accurate as in double precision.
 
+    Raises:
+        CGNotConverged: On every rank, if a diagonal entry is not positive: K is indefinite.
+
     Attributes:
         largest: Estimated eigenvalue of D^-1 K.
         interpolation: From the next coarser grid, if there is one; set when that is known.
@@ -147,6 +151,8 @@ class Level:
 
     def __init__(self, K: DistributedEntries, size: int, steps: int = 2, accurate: bool = False):
         self.blocks = SymmetricBlocks(K, size, accurate)
+        if not Reductions(K.comm).all(np.all(self.blocks.diagonal > 0.0)):
+            raise CGNotConverged(0, 1.0, 0.0, indefinite=True)
         self.inverse: FloatArray = 1.0 / self.blocks.diagonal
         self.b, self.x, self._d, self._r = (padded(self.blocks.size) for _ in range(4))
         self.largest = self._largest_eigenvalue(K.comm)
