@@ -16,7 +16,7 @@ from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from ..fem import compat
-from ..fem.bodies import Deformable, SingleBody
+from ..fem.bodies import Deformable, NonlinearBody, SingleBody
 from ..fem.contact import ContactSurface
 from ..fem.geometry import inverse_frames
 from ..linalg.compliance import (
@@ -216,7 +216,8 @@ class FixedStiffness:
         solver, B = self.solver, self._reference.free_B
         with timed(self._seconds, "compliance"):
             if self.method.explicit and isinstance(solver, MultifrontalSolver | FirstRankSolver):
-                return SchurCompliance(B, solver)
+                large = any(isinstance(one.body, NonlinearBody) for one in self.elasticity.members)
+                return SchurCompliance(B, solver, halved=large)
             return MatrixFreeCompliance(B, self.elasticity.K, solver, soft=self._soft)
 
     def compliance(self, surface: ContactSurface, seconds: dict[str, float]) -> BodyCompliance:

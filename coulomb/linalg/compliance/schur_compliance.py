@@ -47,14 +47,20 @@ class SchurCompliance(LimitedProducts):
     double precision.
 
     `solver` has the nodes of B's columns last; `diagonal` (3 m,) replaces the exact one; `reference` is the last
-    accurate response, of the same A in other frames.
+    accurate response, of the same A in other frames.  `halved`: A is one of many in a sequence, each for few products,
+    which are those by H, A = H H^T, where it is small.
     """
 
     name = "explicit"
     matrix_free: MatrixFreeCompliance | None = None
 
     def __init__(
-        self, B: PETSc.Mat, solver: SchurSolver, diagonal: FloatArray | None = None, reference: _Reference | None = None
+        self,
+        B: PETSc.Mat,
+        solver: SchurSolver,
+        diagonal: FloatArray | None = None,
+        reference: _Reference | None = None,
+        halved: bool = False,
     ):
         self.B = B  # kept, since the communicator lives as long as the matrix
         self.comm: MPI.Comm = B.getComm().tompi4py()
@@ -62,6 +68,7 @@ class SchurCompliance(LimitedProducts):
         self.products, self.learnt = 0, RecycledColumns()
         self._solver, self._diagonal = solver, diagonal
         self._half: FloatArray | None = None
+        self._halved = halved
         indptr, indices, values = B.getValuesCSR()
         last = (3 * solver.last[:, None] + np.arange(3)).ravel()
         shape = (len(indptr) - 1, B.getSize()[1])
@@ -159,7 +166,7 @@ class SchurCompliance(LimitedProducts):
 
     @property
     def _few(self) -> bool:
-        return self.exact and 3 * self.nodes <= _FEW
+        return self._halved and self.exact and 3 * self.nodes <= _FEW
 
     def elimination(self) -> Elimination:
         """K^-1 by one application of the factors as they are."""
@@ -174,7 +181,7 @@ class SchurCompliance(LimitedProducts):
         return Elimination(solver, self.B, begin, end)
 
     def rotated(self, B: PETSc.Mat, turn: FloatArray) -> SchurCompliance:
-        return SchurCompliance(B, self._solver, reference=self._reference)
+        return SchurCompliance(B, self._solver, reference=self._reference, halved=self._halved)
 
     def known_product(self, x: FloatArray) -> FloatArray | None:
         """With factors in double precision always, else of the forces of the last accurate product."""
