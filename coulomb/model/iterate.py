@@ -370,8 +370,8 @@ def rigid_part(body: Deformable, u: FloatArray, over: Reductions) -> FloatArray:
     of bodies at their deformed place: without it the work of internal forces along a displacement does not depend on
     how far a body has turned; collective.
 
-    The rotations are nearest to the turns of the cells, each about its own middle (Kabsch 1976): an arch that snaps
-    through is, as a whole, nearest to the arch turned over.
+    The rotations are nearest to the turns of the cells, each about its own middle (Kabsch 1976).  By the places of all
+    nodes, an arch that snaps through would have been turned over.
     """
     before, component = body.x - u, body.component
     parts = 1 + int(over.max(component.astype(np.float64)))

@@ -66,8 +66,8 @@ def zero_open_forces(problem: DiscreteProblem, x: FloatArray, closed: FloatArray
 
 
 def _set_friction_on_supports(problem: DiscreteProblem, force: FloatArray, slip: FloatArray, free: FloatArray) -> None:
-    """Set friction (m, 2) at nodes whose slip is prescribed, or has a prescribed component of 0, to rounding errors of
-    places; collective.
+    """Set friction (m, 2) at nodes whose slip is prescribed, or has a prescribed component of 0; slips that are
+    rounding errors of places are 0; collective.
 
     Friction v, along t1 and t2, acts on the support alone if P (t1, t2)^T v = 0, P the projection on the free
     directions of the node.  `free` (m, 2, 2) are the `row_products` of t1 and t2.

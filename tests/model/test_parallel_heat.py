@@ -174,32 +174,39 @@ def test_flux_film_source_and_foundation():
         assert heat.balanced and heat.power_in == pytest.approx(k * g * 4e-4, rel=1e-9)
 
 
-@pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
-def test_thermal_strain_and_conductance_agree(cell, degree):
-    """A bar between a clamp and a cold plate: its heat presses it on the plate, the pressure lets more heat through."""
-    young, expansion, k, length, warm, plate, factor = 2e11, 1.2e-5, 50.0, 0.05, 80.0, 20.0, 4e4
-    mesh = box((0.02, 0.02, length), (2, 3, 4), cell, degree=degree)
-    problem = ContactProblem(
-        mesh,
-        steel(expansion, poisson=0.0),
+YOUNG, EXPANSION, LENGTH, WARM, PLATE, FACTOR = 2e11, 1.2e-5, 0.05, 80.0, 20.0, 4e4
+
+
+def bar_on_a_plate(cell="hexahedron", degree=1, **load):
+    """A bar whose lower end is held and warm, its upper end on a cold plate: more pressure lets more heat through."""
+    return ContactProblem(
+        box((0.02, 0.02, LENGTH), (2, 3, 4), cell, degree=degree),
+        steel(EXPANSION, poisson=0.0),
         [Clamp("bottom", "z"), *(SymmetryPlane(side) for side in SIDES)],
         Contact(
             "top",
             0.0,
-            foundation=Plane((0.0, 0.0, length), (0.0, 0.0, -1.0)),
-            thermal=ThermalContact(factor=factor, hardness=1e9, exponent=1.0, temperature=plate),
+            foundation=Plane((0.0, 0.0, LENGTH), (0.0, 0.0, -1.0)),
+            thermal=ThermalContact(factor=FACTOR, hardness=1e9, exponent=1.0, temperature=PLATE),
+            **load,
         ),
-        heat=[HeatLoad("bottom", temperature=warm)],
+        heat=[HeatLoad("bottom", temperature=WARM)],
         reference_temperature=20.0,
         small_strain="warn",
     )
-    solution = problem.solve()
 
-    def pressure_of(p):
-        flux = (warm - plate) / (length / k + 1.0 / (factor * p / 1e9))
-        return young * expansion * (warm - flux * length / (2.0 * k) - 20.0)
 
-    p = brentq(lambda p: pressure_of(p) - p, 1e6, 1e9, xtol=1.0, rtol=1e-14)
+def of_pressure(p):
+    """The heat flux through the bar under a pressure, W/m^2, and the strain that it would cause."""
+    flux = (WARM - PLATE) / (LENGTH / 50.0 + 1e9 / (FACTOR * p))
+    return flux, EXPANSION * (WARM - flux * LENGTH / 100.0 - 20.0)
+
+
+@pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
+def test_thermal_strain_and_conductance_agree(cell, degree):
+    """The heat of the bar presses it on the plate."""
+    solution = bar_on_a_plate(cell, degree).solve()
+    p = brentq(lambda p: YOUNG * of_pressure(p)[1] - p, 1e6, 1e9, xtol=1.0, rtol=1e-14)
     assert solution.valid and solution.heat.balanced
     pressure = solution.at_nodes.pressure
     assert np.abs(pressure - p).max(initial=0.0) <= 1e-7 * p
@@ -210,27 +217,12 @@ def test_thermal_strain_and_conductance_agree(cell, degree):
 
 def test_a_plate_under_a_force_follows_the_expansion():
     """The force gives the pressure, this the heat that flows, and both how far the plate moves."""
-    young, expansion, k, length, warm, plate, force = 2e11, 1.2e-5, 50.0, 0.05, 80.0, 20.0, 4e3
-    solution = ContactProblem(
-        box((0.02, 0.02, length), (2, 3, 4)),
-        steel(expansion, poisson=0.0),
-        [Clamp("bottom", "z"), *(SymmetryPlane(side) for side in SIDES)],
-        Contact(
-            "top",
-            0.0,
-            foundation=Plane((0.0, 0.0, length), (0.0, 0.0, -1.0)),
-            thermal=ThermalContact(factor=4e4, hardness=1e9, exponent=1.0, temperature=plate),
-            force=(None, None, -force),
-        ),
-        heat=[HeatLoad("bottom", temperature=warm)],
-        reference_temperature=20.0,
-    ).solve()
-    p = force / 4e-4
-    flux = (warm - plate) / (length / k + 1e9 / (4e4 * p))
-    longer = (expansion * (warm - flux * length / (2.0 * k) - 20.0) - p / young) * length
+    solution, p = bar_on_a_plate(force=(None, None, -4e3)).solve(), 1e7
+    flux, strain = of_pressure(p)
     assert solution.valid and solution.heat.balanced
     assert flows(solution.heat)["heat_foundation_top"] == pytest.approx(-flux * 4e-4, rel=1e-8)
-    assert solution.loaded_foundations[0].translation == pytest.approx((0.0, 0.0, longer), rel=1e-8)
+    moved = solution.loaded_foundations[0].translation
+    assert moved == pytest.approx((0.0, 0.0, (strain - p / YOUNG) * LENGTH), rel=1e-8)
 
 
 def slider(share=0.3, expansion=0.0, factor=2e4):
