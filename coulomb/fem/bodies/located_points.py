@@ -17,21 +17,18 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray, in_words
 from ...units import amount
-from ..compat import cell_dofs, cell_geometry, geometry_degree
-from ..meshes import boundary_facets, corner_geometry, lagrange_points, lagrange_slopes, lagrange_values
+from ..cell_search import ROUNDING, CellSearch
+from ..compat import cell_dofs, cell_geometry
+from ..geometry import nearest_points
+from ..meshes import boundary_facets, corner_geometry, lagrange_points, lagrange_values
 from .displacement_space import DisplacementSpace
 
 SNAP: Final = 0.05
 """Distance from the boundary that is none, relative to the shortest edge of the cell beside it."""
 
-_ROUNDING: Final = 1e-9
-"""Reference coordinates outside the reference cell by less are inside it."""
-
 _ALONG: Final = np.array([1.0, 0.7548776662, 0.5698402910])
 """A direction of no mesh, along which cells beside each other have their middles at different places: by it the choice
 between them is the same on any number of ranks."""
-
-_NEWTON_STEPS: Final = 30
 
 Ints = npt.NDArray[np.int64]
 
@@ -97,7 +94,7 @@ def locate(
                 )
             if comm.rank == owner:
                 cell = int(boundary.cell[facet])
-                X = cells.reference(cell, x[k])[0]
+                X = cells.reference(cell, x[k])
         if comm.rank == owner:
             inside.nodes[k], inside.weights[k] = cells.dofs[cell], _without_rounding(cells.shape(np.clip(X, 0.0, 1.0)))
         for number, face in enumerate(contact):
@@ -106,13 +103,12 @@ def locate(
             nearest, owner = comm.allreduce((distance, comm.rank), op=MPI.MINLOC)
             if np.isfinite(nearest) and on_face[k] < 0:
                 on_face[k] = number
-                beside = comm.bcast(distance <= _ROUNDING * face.size[facet] if facet >= 0 else False, root=owner)
+                beside = comm.bcast(distance <= ROUNDING * face.size[facet] if facet >= 0 else False, root=owner)
                 if beside:  # where bodies touch, it is in that of the face
                     inside.weights[k] = 0.0
                 if comm.rank == owner:
                     cell = int(face.cell[facet])
-                    X = np.clip(cells.reference(cell, at)[0], 0.0, 1.0)
-                    weights = cells.on_facet(X, face.corners[facet])
+                    weights = cells.on_facet(cells.reference(cell, at), face.corners[facet])
                     on_surface.nodes[k], on_surface.weights[k] = cells.dofs[cell], _without_rounding(weights)
                     if beside:
                         inside.nodes[k], inside.weights[k] = on_surface.nodes[k], on_surface.weights[k]
@@ -132,58 +128,35 @@ class _Cells:
     def __init__(self, body: DisplacementSpace):
         domain = body.domain
         self._domain, self._kind = domain, domain.topology.cell_type
-        self._order, self._degree = geometry_degree(domain), body.degree
+        self._degree, self._search = body.degree, CellSearch(domain)
         self._x: FloatArray = domain.geometry.x
         self._nodes, self._corners, self.dofs = cell_geometry(domain), corner_geometry(domain), cell_dofs(body.V)
-        own = self._x[self._nodes[: domain.topology.index_map(3).size_local]]
-        self._low, self._high = own.min(axis=1), own.max(axis=1)
 
     def containing(self, point: FloatArray) -> tuple[int, FloatArray, float]:
         """This rank's own cell that holds a point, of several, as where bodies touch, the first along `_ALONG`: its
         number, the reference coordinates, and where it is along it; infinite if there is none."""
-        best: tuple[int, FloatArray, float] = (-1, np.zeros(3), np.inf)
-        beyond = 1e-6 if self._order == 1 else 0.2  # a curved cell may reach beyond its nodes
-        margin = beyond * np.max(self._high - self._low, axis=1, initial=0.0)[:, None]
-        near = np.all((self._low - margin <= point) & (point <= self._high + margin), axis=1)
-        for cell in np.flatnonzero(near):
-            X, outside = self.reference(int(cell), point)
-            along = float(self._x[self._nodes[cell]].mean(axis=0) @ _ALONG)
-            if outside <= _ROUNDING and along < best[2]:
-                best = (int(cell), X, along)
-        return best
+        near = self._search.near(point[None])
+        here = np.flatnonzero(near.outside <= ROUNDING)
+        if not len(here):
+            return -1, np.zeros(3), np.inf
+        along = self._x[self._nodes[near.cell[here]]].mean(axis=1) @ _ALONG
+        k = here[np.argmin(along)]
+        return int(near.cell[k]), near.X[k], float(np.min(along))
 
-    def reference(self, cell: int, point: FloatArray) -> tuple[FloatArray, float]:
-        """Reference coordinates of a point in a cell by Newton's method, and how far they are outside the cell.
-        DOLFINx's `pull_back` ends with steps of 1e-6, and raises where it does not converge."""
-        nodes, corners = self._x[self._nodes[cell]], self._corners.shape[1]
-        size = float(np.max(np.ptp(nodes, axis=0)))
-        X: FloatArray = np.full(3, 0.25 if corners == 4 else 0.5)
-        for _ in range(_NEWTON_STEPS):
-            residual = point - self._values(X, self._order) @ nodes
-            if float(np.max(np.abs(residual))) <= 1e-14 * size:
-                break
-            slopes = lagrange_slopes(self._kind, self._order, X[None])[:, 0]
-            try:
-                X = np.clip(X + np.linalg.solve((slopes @ nodes).T, residual), -2.0, 3.0)
-            except np.linalg.LinAlgError:  # a point far outside a distorted cell
-                return X, np.inf
-        if float(np.max(np.abs(point - self._values(X, self._order) @ nodes))) > _ROUNDING * size:
-            return X, np.inf
-        beyond = 1.0 - X.sum() if corners == 4 else np.min(1.0 - X)
-        return X, float(-min(np.min(X), beyond, 0.0))
+    def reference(self, cell: int, point: FloatArray) -> FloatArray:
+        """Reference coordinates of a point in a cell, those outside of it at its border."""
+        X, _ = self._search.reference(np.array([cell], dtype=np.int32), point[None])
+        return np.clip(X[0], 0.0, 1.0)
 
     def shape(self, X: FloatArray) -> FloatArray:
         """Shape functions of the displacements at reference coordinates X (3,)."""
-        return self._values(X, self._degree)
+        return lagrange_values(self._kind, self._degree, X[None])[0]
 
     def on_facet(self, X: FloatArray, corners: npt.NDArray[np.bool_]) -> FloatArray:
         """The shape functions at X of the nodes on the facet with these corners of the cell, 0 for other nodes."""
         linear = lagrange_values(self._kind, 1, lagrange_points(self._kind, self._degree))
         beside = np.any(np.abs(linear[:, ~corners]) > 1e-9, axis=1)
         return np.where(beside, 0.0, self.shape(X))
-
-    def _values(self, X: FloatArray, degree: int) -> FloatArray:
-        return lagrange_values(self._kind, degree, X[None])[0]
 
     def facets(self, facets: npt.NDArray[Any]) -> _Facets:
         topology = self._domain.topology
@@ -220,29 +193,9 @@ class _Facets:
         """The nearest point of the facets, its distance, and the facet; infinite and -1 if there are none."""
         if not len(self._triangles):
             return point, np.inf, -1
-        found = _nearest_on_triangles(point, self._triangles)
+        found, _ = nearest_points(point, self._triangles)
         distance = np.linalg.norm(found - point, axis=1)
         k = int(np.argmin(distance))
         rounding = 1e-15 * np.max(np.abs(self._triangles))
         at: FloatArray = np.where(np.abs(found[k]) <= rounding, 0.0, found[k])
         return at, float(distance[k]), k % len(self.cell)
-
-
-def _nearest_on_triangles(point: FloatArray, triangles: FloatArray) -> FloatArray:
-    """The nearest point of each triangle (t, 3, 3), shape (t, 3)."""
-    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
-    n = np.cross(b - a, c - a)
-    area = np.einsum("ti,ti->t", n, n)
-    in_plane = point - np.einsum("ti,ti->t", point - a, n)[:, None] / area[:, None] * n
-    best = in_plane.copy()
-    least: FloatArray = np.full(len(triangles), np.inf)
-    inside = np.ones(len(triangles), dtype=bool)
-    for p, q in ((a, b), (b, c), (c, a)):
-        along = q - p
-        inside &= np.einsum("ti,ti->t", np.cross(along, in_plane - p), n) >= 0.0
-        part = np.einsum("ti,ti->t", point - p, along) / np.einsum("ti,ti->t", along, along)
-        on_edge = p + np.clip(part, 0.0, 1.0)[:, None] * along
-        distance = np.linalg.norm(on_edge - point, axis=1)
-        best = np.where((distance < least)[:, None], on_edge, best)
-        least = np.minimum(distance, least)
-    return np.where(inside[:, None], in_plane, best)

@@ -36,6 +36,7 @@ from .obstacles import (
     spin,
 )
 from .rotations import rotation_matrix, rotation_vector, turn_by_change
+from .triangles import nearest_points
 from .user_values import (
     Amplitude,
     Coefficient,

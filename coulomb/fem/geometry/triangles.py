@@ -104,7 +104,7 @@ class Triangles:
 
     def _of_point(self, x: FloatArray, triangles: IntArray) -> tuple[float, FloatArray, FloatArray]:
         """The distance of a point from some triangles, the nearest point, and the normal there."""
-        points, weights = _nearest_points(x, self._x[triangles])
+        points, weights = nearest_points(x, self._x[triangles])
         distances = np.linalg.norm(points - x, axis=1)
         one = int(np.argmin(distances))
         t, zero = triangles[one], weights[one] <= 0.0
@@ -124,7 +124,7 @@ class Triangles:
         return side * size, along
 
 
-def _nearest_points(x: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+def nearest_points(x: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Of triangles (n, 3, 3) the points nearest to x (3,), shape (n, 3), and their barycentric coordinates, (n, 3), 0
     on edges that they are on."""
     a, b, c = t[:, 0], t[:, 1], t[:, 2]

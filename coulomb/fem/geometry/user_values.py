@@ -135,7 +135,7 @@ def evaluated_by_ufl(value: Any, x: FloatArray, what: str, comm: MPI.Comm, shape
         constant = np.multiply.outer(given.constant, np.ones(len(x)))
         return lambda _: constant
     points = np.concatenate(comm.allgather(x))
-    near = on_all_ranks(lambda: given.near(points), what, comm)
+    near = on_all_ranks(lambda: given.cells.near(points), what, comm)
     outside = np.full(len(points), np.inf)
     np.minimum.at(outside, near.point, near.outside)
     outside = np.min(comm.allgather(outside), axis=0)
