@@ -7,8 +7,11 @@ import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.floating[Any]]
-IntArray = npt.NDArray[np.int64]
 """Double precision; written so that numpy 1 and 2 infer it alike."""
+
+IntArray = npt.NDArray[np.int64]
+Int32Array = npt.NDArray[np.int32]  # DOLFINx's numbers on this rank
+BoolArray = npt.NDArray[np.bool_]
 
 
 def as_list(values: npt.NDArray[Any]) -> list[Any]:
@@ -80,7 +83,7 @@ def distinct(rows: IntArray) -> tuple[IntArray, IntArray]:
     return first, number
 
 
-def rows_among(rows: IntArray, some: IntArray) -> npt.NDArray[np.bool_]:
+def rows_among(rows: IntArray, some: IntArray) -> BoolArray:
     """Which of some rows of whole numbers >= 0 are among others, shape (k,)."""
     number = distinct(np.vstack([rows, some]))[1]
     return np.isin(number[len(rows) :], number[: len(rows)])

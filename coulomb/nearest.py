@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray, IntArray
+from .arrays import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -21,7 +21,7 @@ def tree_of(points: FloatArray, leaf: int = 16) -> cKDTree:
     return cKDTree(points, leafsize=leaf)
 
 
-def among(x: FloatArray, points: FloatArray) -> npt.NDArray[np.bool_]:
+def among(x: FloatArray, points: FloatArray) -> BoolArray:
     """Which places (..., 3) are one of some points (k, 3), to 1e-9 of the largest coordinate of either."""
     unit = 1e-9 * (max(float(np.max(np.abs(of), initial=0.0)) for of in (x, points)) or 1.0)
 

@@ -8,9 +8,8 @@ from functools import cached_property
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from ..arrays import FloatArray, IntArray
+from ..arrays import FloatArray, Int32Array, IntArray
 from . import compat
 from .compat import basix, geometry
 
@@ -39,7 +38,7 @@ class Near(NamedTuple):
     the cell these are, shapes (p,), (p,), (p, d), (p,)."""
 
     point: IntArray
-    cell: npt.NDArray[np.int32]
+    cell: Int32Array
     X: FloatArray
     outside: FloatArray
 
@@ -78,7 +77,7 @@ class CellSearch:
         here = outside <= SNAP
         return Near(first + point[here], cell[here], X[here], outside[here])
 
-    def reference(self, cell: npt.NDArray[np.int32], x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def reference(self, cell: Int32Array, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Reference coordinates of points x (p, 3) in cells (p,), shape (p, d), and how far outside these are (p,)."""
         nodes = self._mesh.geometry.x[compat.cell_geometry(self._mesh)[cell]]
         size = np.max(np.ptp(nodes, axis=1), axis=1, initial=0.0)
@@ -109,7 +108,7 @@ def _boxes(domain: Any, count: int, padding: float) -> Any:
     return geometry.BoundingBoxTree(domain, domain.topology.dim, cells, padding)
 
 
-def _cells_near(boxes: Any, x: FloatArray) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+def _cells_near(boxes: Any, x: FloatArray) -> tuple[Int32Array, Int32Array]:
     """The cells whose boxes have the points x (k, 3), one point after the other, and where those of each begin."""
     find = geometry.compute_collisions_points if NEWER else geometry.compute_collisions
     near = find(boxes, np.ascontiguousarray(x))

@@ -12,10 +12,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from _cffi_backend import FFI  # cffi.FFI loads a parser of C, which takes 25 ms
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, Int32Array, IntArray
 from ..installation import COMPLEX, Unusable, dolfinx_import, loaded_libraries, why_mpi_does_not_fit, why_not_imported
 from .compilation import watch_compilation
 
@@ -83,7 +82,7 @@ def assemble_matrix(form: Any, constants: FloatArray | None = None) -> PETSc.Mat
     return A
 
 
-def cell_dofs(V: Any) -> npt.NDArray[np.int32]:
+def cell_dofs(V: Any) -> Int32Array:
     """Block dofs of every local cell, ghosts included, shape (cells, dofs per cell)."""
     table = V.dofmap.list  # an AdjacencyList before 0.7, possibly empty
     return table if isinstance(table, np.ndarray) else table.array.reshape(-1, V.dofmap.dof_layout.num_dofs)
@@ -99,7 +98,7 @@ def coordinate_element(domain: Any) -> Any:
     return maps[0] if isinstance(maps, Sequence) else domain.geometry.cmap  # a list in 0.6, and from 0.11 on
 
 
-def cell_geometry(domain: Any) -> npt.NDArray[np.int32]:
+def cell_geometry(domain: Any) -> Int32Array:
     """Geometry nodes of every local cell, ghosts included, shape (cells, nodes per cell); the corners come first."""
     dofmaps = getattr(domain.geometry, "dofmaps", None)
     table = dofmaps[0] if isinstance(dofmaps, Sequence) else domain.geometry.dofmap
@@ -113,13 +112,13 @@ def interpolation_points(V: Any) -> Any:
     return points() if callable(points) else points
 
 
-def meshtags(domain: Any, dim: int, entities: npt.NDArray[np.int32], values: npt.NDArray[np.int32]) -> Any:
+def meshtags(domain: Any, dim: int, entities: Int32Array, values: Int32Array) -> Any:
     """MeshTags of entities in any order; a repeated entity keeps its first value."""
     unique, first = np.unique(entities, return_index=True)
     return mesh.meshtags(domain, dim, unique.astype(np.int32), values[first].astype(np.int32))
 
 
-def create_mesh(comm: Any, cell: str, cells: npt.NDArray[np.int64], x: FloatArray, degree: int = 1) -> Any:
+def create_mesh(comm: Any, cell: str, cells: IntArray, x: FloatArray, degree: int = 1) -> Any:
     """Distributed mesh of degree 1 or 2 of the cells and points given on this rank, in DOLFINx's order of points."""
     kind = ufl.Mesh(_vectors(cell, degree))
     if not hasattr(basix, "ufl"):  # until 0.6

@@ -12,9 +12,8 @@ from dataclasses import fields, is_dataclass
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, Int32Array
 from . import compat
 from .cell_search import NEWER, ROUNDING, SIMPLICES, CellSearch, Near, lagrange
 from .compat import fem, mesh, ufl
@@ -84,7 +83,7 @@ class UflValues:
         np.add.at(count, point, 1.0)
         return total, count
 
-    def _values(self, x: FloatArray, cell: npt.NDArray[np.int32], X: FloatArray) -> FloatArray:
+    def _values(self, x: FloatArray, cell: Int32Array, X: FloatArray) -> FloatArray:
         """Values at points x (p, 3) in cells (p,), at reference coordinates X (p, d), shape (p, size)."""
         if not len(x):
             return np.empty((0, self.size))
@@ -123,6 +122,6 @@ def _mesh_of(domain: Any) -> Any:
     return mesh.Mesh(compat.cpp_of(domain.ufl_cargo()), ufl.Mesh(domain.ufl_coordinate_element()))
 
 
-def in_cells(expression: Any, domain: Any, cells: npt.NDArray[np.int32]) -> FloatArray:
+def in_cells(expression: Any, domain: Any, cells: Int32Array) -> FloatArray:
     """Values of an `Expression` at its points of some cells, a row for each."""
     return np.asarray(expression.eval(*((domain, cells) if NEWER else (cells,))), dtype=np.float64)

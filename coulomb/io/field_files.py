@@ -11,9 +11,8 @@ from typing import Any, Final, NamedTuple
 
 import h5py
 import numpy as np
-import numpy.typing as npt
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, IntArray
 
 WHOLE = "mesh"
 """Name of the only grid of a file, and of its group with `geometry` and `topology` in `Mesh`."""
@@ -50,7 +49,7 @@ class Grid(NamedTuple):
     """
 
     cell: str
-    cells: npt.NDArray[np.int64]
+    cells: IntArray
     points: FloatArray
     fields: dict[str, FloatArray]
     on_cells: frozenset[str] = frozenset()
@@ -147,7 +146,7 @@ def _read(path: Path, grid: ElementTree.Element) -> Grid:
         return Grid(str(topology.get("TopologyType")), cells, x, fields, on_cells)
 
 
-def parts_of_field(path: Path, name: str, group: str = "") -> Iterator[tuple[npt.NDArray[np.int64], FloatArray]]:
+def parts_of_field(path: Path, name: str, group: str = "") -> Iterator[tuple[IntArray, FloatArray]]:
     """Numbers of points in solution.xdmf (q,), and values (q, d) there, of a field of a grid in an HDF5 file, in parts.
 
     Raises:

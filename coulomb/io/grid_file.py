@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, IntArray
 from ..contact_fields import unit_of
 from ..fem.meshes import HDF5Target
 from ..units import used
@@ -47,7 +47,7 @@ class GridPart:
     """
 
     kind: str
-    cells: npt.NDArray[np.int64]
+    cells: IntArray
     points: FloatArray
 
 

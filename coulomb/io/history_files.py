@@ -19,10 +19,9 @@ from typing import Any
 
 import h5py
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from ..arrays import FloatArray, IntArray
+from ..arrays import BoolArray, FloatArray, IntArray
 from ..fem.bodies import TEMPERATURE, SingleBody
 from ..fem.geometry import on_all_ranks
 from ..model.load_step import LoadStep
@@ -366,7 +365,7 @@ def _groups(file: Path, grids: Sequence[str], comm: MPI.Comm) -> dict[str, str]:
     return on_all_ranks(groups, str(file), comm)
 
 
-def _refuse(missing: npt.NDArray[np.bool_]) -> None:
+def _refuse(missing: BoolArray) -> None:
     if np.any(missing):
         raise ValueError("belongs to another mesh, or is incomplete")
 

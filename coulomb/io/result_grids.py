@@ -9,10 +9,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, Int32Array
 from ..contact_fields import names, side_names
 from ..fem import compat
 from ..fem.bodies import (
@@ -114,7 +113,7 @@ class FaceGrid:
         node: The numbers of its points among those of `body_grid`, shape (p,).
     """
 
-    def __init__(self, space: DisplacementSpace, facets: npt.NDArray[np.int32]):
+    def __init__(self, space: DisplacementSpace, facets: Int32Array):
         self._space, self._nodes = space, space.nodes_of(facets)
         cell, columns = space.in_cells(facets)
         nodes = compat.cell_dofs(space.V)[cell[:, None], columns]
@@ -358,7 +357,7 @@ def names_of_sides(problem: DiscreteProblem) -> list[tuple[str, str | None]]:
     return side_names((contact.face, contact.against) for contact in problem.contacts)
 
 
-def contact_facets(problem: DiscreteProblem, body: SingleBody) -> npt.NDArray[np.int32]:
+def contact_facets(problem: DiscreteProblem, body: SingleBody) -> Int32Array:
     """This rank's facets of all contact faces on a body, faces opposite in pairs included."""
     names = [name for contact in problem.contacts for name in (contact.face, contact.against) if name is not None]
     faces = [problem.elasticity.face(name, "contact") for name in names]
@@ -369,7 +368,7 @@ def contact_facets(problem: DiscreteProblem, body: SingleBody) -> npt.NDArray[np
 def _face_grid(
     name: str,
     member: Member,
-    facets: npt.NDArray[np.int32],
+    facets: Int32Array,
     problem: DiscreteProblem,
     fields: Mapping[str, FloatArray],
     number: int | None = None,

@@ -23,10 +23,9 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from ..arrays import FloatArray
+from ..arrays import BoolArray, FloatArray, IntArray
 from ..fem.bodies import HeldDirections, null_space, of_part, rigid_modes
 from ..fem.meshes import Slice
 from ..linalg.reductions import Reductions
@@ -118,10 +117,10 @@ class Evidence:
     rounding: FloatArray
     stiffness: FloatArray
     compliance: FloatArray
-    component: npt.NDArray[np.int64]
-    owner: npt.NDArray[np.int64]
+    component: IntArray
+    owner: IntArray
     place: FloatArray
-    part: npt.NDArray[np.int64]
+    part: IntArray
     blocked: tuple[float, ...] = (0.0,)
     averaged: bool = False
     ground: FloatArray | None = None
@@ -131,8 +130,8 @@ class Evidence:
     pairs: tuple[PairFindings, ...] = ()
     on_foundations: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     held_gap: FloatArray = field(default_factory=lambda: np.zeros(0))
-    held_owner: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    held_part: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    held_owner: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    held_part: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     faces: tuple[str, ...] = ()
     opposite: tuple[tuple[int, ...], ...] = ()
     unsettled: float = RESOLVED
@@ -167,9 +166,7 @@ def rigid_balance(e: Evidence, outer: FloatArray, lengths_: FloatArray, turnover
     return worst(*(balance for balance, _ in found)), worst(*(drift for _, drift in found)), len(found)
 
 
-def _of_part(
-    e: Evidence, here: npt.NDArray[np.bool_], outer: FloatArray, length: float, turnover: float
-) -> tuple[float, float]:
+def _of_part(e: Evidence, here: BoolArray, outer: FloatArray, length: float, turnover: float) -> tuple[float, float]:
     """The same of one component: no forces of its own judge it that are less than a part of `turnover`."""
     over = Reductions(e.comm)
     if over.all(bool(np.all(here))):

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, IntArray
 from ..fem.bodies import Deformable, varying_signs
 from ..linalg.reductions import Reductions, concatenated
 from ..solvers.laws import FrictionLaw
@@ -74,7 +73,7 @@ def lengths(vectors: FloatArray) -> FloatArray:
     return np.hypot(np.hypot(vectors[:, 0], vectors[:, 1]), vectors[:, 2])
 
 
-def largest_motions(component: npt.NDArray[np.int64], u: FloatArray, over: Reductions) -> FloatArray:
+def largest_motions(component: IntArray, u: FloatArray, over: Reductions) -> FloatArray:
     """Largest component of the displacements u (k, 3) in the component of the meshes of each node, metres, shape (k,);
     collective."""
     count = 1 + int(over.max(component.astype(np.float64)))
@@ -121,8 +120,8 @@ class Scales:
     length: float
     nodal: float
     turnover: float
-    body: npt.NDArray[np.int64]
-    owner: npt.NDArray[np.int64]
+    body: IntArray
+    owner: IntArray
     forces: FloatArray
     lengths: FloatArray
     nodals: FloatArray
@@ -148,7 +147,7 @@ class Scales:
 class _Bodies:
     """Sums and largest values over the nodes or contact points of every body; collective."""
 
-    def __init__(self, number: npt.NDArray[np.int64], count: int, over: Reductions):
+    def __init__(self, number: IntArray, count: int, over: Reductions):
         self._number, self._count, self._over = number, count, over
 
     def sums(self, values: FloatArray) -> FloatArray:
@@ -277,7 +276,7 @@ def _of_loads_alone(e: Evidence) -> FloatArray:
 
 
 def place_of_largest(
-    values: FloatArray, place: FloatArray, part: npt.NDArray[np.int64], faces: Sequence[str], over: Reductions
+    values: FloatArray, place: FloatArray, part: IntArray, faces: Sequence[str], over: Reductions
 ) -> str:
     """Where the largest of the values (m,) is, or one that is nan, in words; collective.
 

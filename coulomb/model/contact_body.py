@@ -13,10 +13,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from ..arrays import FloatArray
+from ..arrays import BoolArray, FloatArray, IntArray
 from ..fem.bodies import Deformable, End, Loading, locking_by_volume, unjoined_parts
 from ..fem.contact import (
     ContactSurface,
@@ -69,7 +68,7 @@ def refuse_tied(elasticity: Deformable, contacts: Sequence[Contact]) -> None:
     which all nodes on the slave of the tie are tied; collective."""
     comm = elasticity.comm
 
-    def some(which: npt.NDArray[np.bool_]) -> bool:
+    def some(which: BoolArray) -> bool:
         return bool(comm.allreduce(bool(np.any(which)), op=MPI.LOR))
 
     lasting = [id(one) for one in elasticity.constraints.lasting]
@@ -239,7 +238,7 @@ class ContactBody:
             return StatePoints.of_faces(self.elasticity, self.contacts)
         return StatePoints(surface.nodes, surface.part)
 
-    def places(self, surface: ContactSurface) -> npt.NDArray[np.int64]:
+    def places(self, surface: ContactSurface) -> IntArray:
         """Numbers of the contact points of a surface among those of states, shape (m,)."""
         return self.points_of_states(surface).places(surface)
 

@@ -7,10 +7,9 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from ..arrays import FloatArray
+from ..arrays import BoolArray, FloatArray, Int32Array, IntArray
 from ..contact_fields import side_names
 from ..fem.bodies import Deformable
 from ..fem.contact import (
@@ -36,8 +35,8 @@ from .foundation_load import FoundationLoads, LoadedFoundation
 class StatePoints(NamedTuple):
     """This rank's nodes of contact points, and the numbers of their contact faces, shapes (m,)."""
 
-    nodes: npt.NDArray[np.int32]
-    part: npt.NDArray[np.int64]
+    nodes: Int32Array
+    part: IntArray
 
     @staticmethod
     def of_faces(elasticity: Deformable, contacts: Sequence[Contact]) -> StatePoints:
@@ -45,7 +44,7 @@ class StatePoints(NamedTuple):
         faces = [elasticity.nodes(one.face, "contact") for one in contacts]
         return StatePoints(np.concatenate(faces), np.repeat(np.arange(len(faces)), [len(nodes) for nodes in faces]))
 
-    def places(self, surface: ContactSurface) -> npt.NDArray[np.int64]:
+    def places(self, surface: ContactSurface) -> IntArray:
         """Numbers of the contact points of a surface among these, which have them all."""
         return surface.places_among(self.nodes, self.part)
 
@@ -103,7 +102,7 @@ class ContactFaces:
     def _all_pairs(self, elasticity: Deformable) -> dict[int, Pair]:
         """Those with nodes at seams anew, without these (`nodes_at_seams`); collective."""
 
-        def found(number: int, taken: npt.NDArray[np.bool_] | None = None) -> Pair:
+        def found(number: int, taken: BoolArray | None = None) -> Pair:
             one = self._contacts[number]
             assert one.against is not None
             return pair_of(elasticity, one.face, one.against, one.adjust, taken, one.shape)

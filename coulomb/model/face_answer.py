@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
-from ..arrays import FloatArray
+from ..arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +24,7 @@ class FaceAnswer:
 
     name: str
     coordinates: FloatArray
-    connectivity: npt.NDArray[np.int64]
+    connectivity: IntArray
     fields: dict[str, FloatArray]
 
     def __getattr__(self, name: str) -> FloatArray:

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import numpy.typing as npt
 
-from ..arrays import FloatArray
+from ..arrays import BoolArray, FloatArray
 from ..fem.contact import NOISE, FaceSamples
 from ..fem.geometry import on_all_ranks
 from ..linalg.reductions import Reductions
@@ -61,7 +60,7 @@ def deepest(
 
 def chords_of(
     answer: NodalAnswer,
-    pressing: npt.NDArray[np.bool_],
+    pressing: BoolArray,
     foundations: Sequence[RigidFoundation | None],
     faces: Sequence[FaceSamples],
 ) -> tuple[FloatArray, FloatArray]:
@@ -103,7 +102,7 @@ def chords_of(
 
 def missed(
     answer: NodalAnswer,
-    pressing: npt.NDArray[np.bool_],
+    pressing: BoolArray,
     foundations: Sequence[RigidFoundation | None],
     faces: Sequence[FaceSamples],
 ) -> FloatArray:
@@ -145,7 +144,7 @@ def missed(
     return Reductions(comm).largest(found)
 
 
-def _with_node(face: FaceSamples, points: FloatArray) -> npt.NDArray[np.bool_]:
+def _with_node(face: FaceSamples, points: FloatArray) -> BoolArray:
     """Facets with a node at one of the contact points (k, 3), shape (f,)."""
     if face.nodal:
         touching = among(face.x, points)
@@ -154,7 +153,7 @@ def _with_node(face: FaceSamples, points: FloatArray) -> npt.NDArray[np.bool_]:
             axis=1, initial=0.0
         )
         touching = tree_of(points).query(face.x)[0] <= _NEAR * radius[:, None]
-    found: npt.NDArray[np.bool_] = np.any(touching, axis=1)
+    found: BoolArray = np.any(touching, axis=1)
     return found
 
 

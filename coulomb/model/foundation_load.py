@@ -18,9 +18,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
-from ..arrays import FloatArray, is_number
+from ..arrays import BoolArray, FloatArray, is_number
 from ..fem.bodies import Deformable, FreeMotion, FreeMotions, RigidPart
 from ..fem.geometry import (
     Amplitude,
@@ -78,7 +77,7 @@ class FoundationLoad:
         return ", ".join(f"{name} {', '.join(each)}" for name, each in parts if each)
 
     @property
-    def free(self) -> npt.NDArray[np.bool_]:
+    def free(self) -> BoolArray:
         """Along and about which axes the foundation moves, shape (6,)."""
         return np.array([one is not None for one in (*self.force, *self.moment)])
 

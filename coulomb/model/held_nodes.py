@@ -14,11 +14,10 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
 
-from ..arrays import FloatArray, unit_vectors
+from ..arrays import BoolArray, FloatArray, Int32Array, unit_vectors
 from ..fem.bodies import Deformable
 from ..fem.contact import Pair, distance_along, faces_away, facets_of, free_lengths, hits, nodal_points
 from ..fem.geometry import HELD_BELOW, RigidFoundation, RigidMotion, first_place, on_all_ranks
@@ -122,7 +121,7 @@ class FoundationFace:
         return OtherNodes(self.comm, nodes, x, normals, touching(gap, before, extent, held), held)
 
 
-def without_slopes(slope: FloatArray, H: FloatArray, held: npt.NDArray[np.bool_]) -> FloatArray:
+def without_slopes(slope: FloatArray, H: FloatArray, held: BoolArray) -> FloatArray:
     """Unit normals into foundations with gradients `slope` of the signed distance, shapes (q, 3); where nodes are held,
     those of the supports, with projectors H (q, 3, 3): at a small angle to them a node slides along its support."""
     along = -np.einsum("kij,kj->ki", H, slope)
@@ -130,7 +129,7 @@ def without_slopes(slope: FloatArray, H: FloatArray, held: npt.NDArray[np.bool_]
     return np.where(held[:, None] & (size > 0.5), along / np.maximum(size, 0.5), -slope)
 
 
-def touching(gap: FloatArray, before: FloatArray, extent: float, held: npt.NDArray[np.bool_]) -> FloatArray:
+def touching(gap: FloatArray, before: FloatArray, extent: float, held: BoolArray) -> FloatArray:
     """Gaps of nodes, shape (q,), less the depths of held ones at the beginning (`before` is the distance then) that
     coordinates of seven digits leave in a body of an extent, metres."""
     rounded = held & (before >= -SINGLE_PRECISION * extent)
@@ -152,11 +151,11 @@ class OtherNodes:
     """
 
     comm: MPI.Comm
-    nodes: npt.NDArray[np.int32]
+    nodes: Int32Array
     x: FloatArray
     n: FloatArray
     gap: FloatArray
-    held: npt.NDArray[np.bool_]
+    held: BoolArray
     opposite: Callable[[FloatArray], FloatArray | None] | None = None
 
     def remaining(self, u: FloatArray) -> FloatArray:

@@ -8,9 +8,8 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
-from ..arrays import FloatArray
+from ..arrays import BoolArray, FloatArray, IntArray
 from ..contact_fields import named_faces
 from ..linalg.reductions import Reductions
 from .nodal_answer import OPEN, OPEN_BELOW, Accumulated, NodalAnswer
@@ -108,7 +107,7 @@ def ended(
     solution: Solution,
     then: Forces,
     now: Forces,
-    at: npt.NDArray[np.int64],
+    at: IntArray,
     stiffened: float = 0.0,
     elastic: float | None = None,
 ) -> State:
@@ -158,9 +157,7 @@ def ended(
     )
 
 
-def _while_touching(
-    moved: FloatArray, widened: FloatArray, answer: NodalAnswer, opened: npt.NDArray[np.bool_]
-) -> FloatArray:
+def _while_touching(moved: FloatArray, widened: FloatArray, answer: NodalAnswer, opened: BoolArray) -> FloatArray:
     """Of the displacement of what the body touches (m, 3) the part along which contact forces do work.
 
     Where a given gap becomes wider than the body follows, as of a pair that is taken out, it works along the way of the

@@ -7,10 +7,9 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, Int32Array
 from ..fem.bodies import Deformable, JoinedBodies, component_modes, free_motions
 from ..fem.contact import two_sides
 from ..fem.meshes import SEPARATOR
@@ -85,7 +84,7 @@ class LoadSteps:
         faces in contact with themselves with the sides that they have there; collective."""
         if not self.itself or Reductions(self.elasticity.comm).all(not np.any(u)):
             return self.elasticity, self.body
-        sides = dict[str, dict[str, npt.NDArray[np.int32]]]()
+        sides = dict[str, dict[str, Int32Array]]()
         for number, name in self.itself.items():
             member, facets = self.elasticity.face(name, "contact")
             of, depth = u[member.nodes], self.contacts[number].depth

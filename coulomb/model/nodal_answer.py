@@ -18,11 +18,10 @@ from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
 
-from ..arrays import FloatArray
+from ..arrays import BoolArray, FloatArray, IntArray
 from ..contact_fields import CONTACT_FIELDS, names
 from ..fem.bodies import distributed_rows, matrix_product
 from ..fem.contact import ContactPoints
@@ -74,7 +73,7 @@ class Accumulated:
         return cls(*np.zeros((3, count)))
 
     def after(
-        self, slip: FloatArray, friction_work: FloatArray, pressure: FloatArray, closed: npt.NDArray[np.bool_]
+        self, slip: FloatArray, friction_work: FloatArray, pressure: FloatArray, closed: BoolArray
     ) -> Accumulated:
         """After another step, with the slip in it (space vectors in metres, shape (m, 3)), its friction work per area
         in J/m^2, the pressures in pascals and which nodes are in contact at its end."""
@@ -82,7 +81,7 @@ class Accumulated:
         work: FloatArray = self.friction_work + friction_work
         return Accumulated(self.slip + length, work, np.maximum(self.pressure, pressure))
 
-    def at(self, nodes: npt.NDArray[np.bool_] | npt.NDArray[np.int64]) -> Accumulated:
+    def at(self, nodes: BoolArray | IntArray) -> Accumulated:
         """At some of the nodes."""
         return Accumulated(self.slip[nodes], self.friction_work[nodes], self.pressure[nodes])
 
@@ -126,7 +125,7 @@ class NodalAnswer:
     comm: MPI.Comm
     law: FrictionLaw
     faces: tuple[str, ...]
-    part: npt.NDArray[np.int64]
+    part: IntArray
     x: FloatArray
     frames: FloatArray
     gap: FloatArray
@@ -221,16 +220,16 @@ class NodalAnswer:
         return self._displacements(self.slip_origin)
 
     @cached_property
-    def _open(self) -> npt.NDArray[np.bool_]:
+    def _open(self) -> BoolArray:
         normal = self.force[:, 0]
         return normal <= OPEN_BELOW * Reductions(self.comm).max(normal)
 
     @cached_property
-    def _at_bound(self) -> npt.NDArray[np.bool_]:
+    def _at_bound(self) -> BoolArray:
         return self._friction >= SLIP_ABOVE * self.bound
 
     @cached_property
-    def status(self) -> npt.NDArray[np.int64]:
+    def status(self) -> IntArray:
         """OPEN, STICK or SLIP, shape (m,); collective."""
         return np.where(self._open, OPEN, np.where(self._at_bound, SLIP, STICK))
 

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray, IntArray, in_words
+from ..arrays import BoolArray, FloatArray, Int32Array, IntArray, in_words
 from ..fem.bodies import Deformable, DisplacementSpace, HeldDirections, NonlinearBody
 from ..fem.contact import (
     Claims,
@@ -61,7 +61,7 @@ class Side:
     """A face of a pair: its body, its facets there, and the held directions of the body's nodes."""
 
     space: DisplacementSpace
-    facets: npt.NDArray[np.int32]
+    facets: Int32Array
     held: HeldDirections
 
     def projectors(self, nodes: IntArray) -> FloatArray:
@@ -92,7 +92,7 @@ class PairReference:
         self._node, self._samples = node, self._sample(node)
         self._few, self._closer = node[:0], self._sample(node[:0])
 
-    def left_out(self, known: npt.NDArray[np.bool_]) -> FloatArray:
+    def left_out(self, known: BoolArray) -> FloatArray:
         """Places of slave nodes before the master that must be contact points and are none, metres, shape (q, 3): all
         but `known` ones of this rank's nodes of the body, (k,), those on both faces, those held along the
         normal, and those without area; not collective."""

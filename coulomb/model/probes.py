@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray, real_numbers, short
+from ..arrays import FloatArray, Int32Array, real_numbers, short
 from ..fem.bodies import DisplacementSpace, LocatedPoints, locate
 from .nodal_answer import NodalAnswer
 
@@ -108,9 +108,7 @@ class LocatedProbes:
             two bodies.
     """
 
-    def __init__(
-        self, probes: Sequence[Probe], parts: Sequence[Part], faces: Sequence[tuple[str, npt.NDArray[np.int32]]]
-    ):
+    def __init__(self, probes: Sequence[Probe], parts: Sequence[Part], faces: Sequence[tuple[str, Int32Array]]):
         twice = [name for name, count in Counter(probe.name for probe in probes).items() if count > 1]
         if twice:
             raise ValueError(f"probe: the name {twice[0]!r} is given to several probes; give each its own")
@@ -174,9 +172,7 @@ class LocatedProbes:
 class _Located:
     """The probes in one body, and the facets of contact faces on it, by their numbers; collective."""
 
-    def __init__(
-        self, part: Part, probes: dict[int, Probe], points: FloatArray, faces: dict[int, npt.NDArray[np.int32]]
-    ):
+    def __init__(self, part: Part, probes: dict[int, Probe], points: FloatArray, faces: dict[int, Int32Array]):
         self._part, self._probes, self._points, self._faces = part, probes, points, list(faces)
         self._located: LocatedPoints | None = None
         if probes:

@@ -11,10 +11,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, IntArray
 from ..fem.contact import (
     ContactPoints,
     at_nodes_of,
@@ -167,7 +166,7 @@ def gather_evidence(
 
 
 def _on_foundations(
-    loaded: Sequence[LoadedFoundation], parts: npt.NDArray[np.int64], x: FloatArray, forces: FloatArray
+    loaded: Sequence[LoadedFoundation], parts: IntArray, x: FloatArray, forces: FloatArray
 ) -> FloatArray:
     """`Evidence.on_foundations`, of forces (m, 3) on foundations at points x (m, 3) of these faces (m,)."""
     rows = []
@@ -178,7 +177,7 @@ def _on_foundations(
     return np.reshape(rows, (-1, 3))
 
 
-def _opposite(body: ContactBody, face: str | None, component: npt.NDArray[np.int64]) -> tuple[int, ...]:
+def _opposite(body: ContactBody, face: str | None, component: IntArray) -> tuple[int, ...]:
     """The components on the face opposite in a pair; none on a foundation; collective."""
     if face is None:
         return ()

@@ -11,9 +11,8 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
-from ..arrays import FloatArray, in_words
+from ..arrays import BoolArray, FloatArray, in_words
 from ..fem.contact import NOISE, FaceSamples, Overlap, distance_along
 from ..fem.geometry import on_all_ranks
 from ..linalg.reductions import Reductions
@@ -362,9 +361,7 @@ def _relative(depth: FloatArray, scale: FloatArray) -> FloatArray:
     return found
 
 
-def _beyond(
-    answer: NodalAnswer, pressing: npt.NDArray[np.bool_], at: npt.NDArray[np.bool_], foundation: RigidFoundation
-) -> FloatArray:
+def _beyond(answer: NodalAnswer, pressing: BoolArray, at: BoolArray, foundation: RigidFoundation) -> FloatArray:
     """What the initial gap of contact points is beyond their distance from the foundation: it is a mean over several
     nodes, or an additional gap is given.
 

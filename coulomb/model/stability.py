@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
-from ..arrays import FloatArray
+from ..arrays import BoolArray, FloatArray
 from ..fem.bodies import Deformable
 from ..linalg.compliance import DirectSolver
 from ..linalg.petsc_arrays import CHOLESKY
@@ -52,7 +51,7 @@ class Stability:
     mode: FloatArray
 
 
-def stability(body: Deformable, B: PETSc.Mat, x: FloatArray, frictional: npt.NDArray[np.bool_]) -> Stability | None:
+def stability(body: Deformable, B: PETSc.Mat, x: FloatArray, frictional: BoolArray) -> Stability | None:
     """Of a linearised body with contact rows B (3 m rows, by the unknowns of K) and contact forces x (3 m,) in newtons,
     at points that have friction or not (m,); None above `_SIZE` unknowns; collective."""
     none, over = np.zeros_like(body.x), Reductions(body.comm)
@@ -68,7 +67,7 @@ def stability(body: Deformable, B: PETSc.Mat, x: FloatArray, frictional: npt.NDA
     return Stability(0, smooth, none) if count == 0 else Stability(count, 0, mode)
 
 
-def _held(K: PETSc.Mat, B: PETSc.Mat, pressing: npt.NDArray[np.bool_], tangents: npt.NDArray[np.bool_]) -> PETSc.Mat:
+def _held(K: PETSc.Mat, B: PETSc.Mat, pressing: BoolArray, tangents: BoolArray) -> PETSc.Mat:
     """K with a spring at each row of B that presses: at those along normals, and along the tangents of points that have
     them held (m,); collective."""
     starts, columns, values = B.getValuesCSR()

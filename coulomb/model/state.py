@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, IntArray
 from ..fem.bodies import Deformable
 from ..fem.contact import ContactSurface
 from ..linalg.reductions import Reductions
@@ -179,7 +178,7 @@ class State:
         still, none, worn = np.zeros((nodes, 3)), np.zeros((points, 3)), Accumulated.none(points)
         return cls(0, time, Energy(), still, none, np.zeros(points), worn, pending)
 
-    def new_part(self, at: npt.NDArray[np.int64], answer: NodalAnswer) -> float:
+    def new_part(self, at: IntArray, answer: NodalAnswer) -> float:
         """The part of the normal forces of an answer at the end of the next step, with its contact points `at` these
         numbers of those of states, that is at points which are open at its start; collective."""
         over, normal, new = Reductions(answer.comm), answer.force[:, 0], ~np.any(self.force_on_body[at], axis=1)

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray, in_words
+from ..arrays import FloatArray, IntArray, in_words
 from ..fem.meshes import FACETS, SEPARATOR, SOLIDS
 from ..io.field_files import NODE, WHOLE, Grid, data_of, read_grids
 from ..io.grid_file import described
@@ -26,8 +26,6 @@ _KINDS: Final = {SOLUTION: (SOLIDS, BODIES), CONTACT: (FACETS, FACES)}
 
 _NEAR: Final = 1e-9
 """Distance of points at the same place, over the extent of the mesh."""
-
-Order = npt.NDArray[np.int64]
 
 Grids = dict[str, dict[str, Grid]]
 """The grids of the files of a run, by the names of file and grid."""
@@ -60,7 +58,7 @@ def fields_of(folder: Path, grids: Grids, like: Grids) -> Tree:
     Raises:
         ValueError: If the meshes are not those.
     """
-    numbers, found = dict[str, Order](), Tree()
+    numbers, found = dict[str, IntArray](), Tree()
     for name, there in grids.items():
         file, wanted, found[name] = folder / name, like[name], {}
         if list(there) != list(wanted):
@@ -116,7 +114,9 @@ def sound(files: RunDirectory) -> tuple[dict[str, Any], Grids, dict[str, float]]
     return contents, found, times
 
 
-def _same_mesh(file: Path, points: FloatArray, cells: Order, x: FloatArray, rows: Order) -> tuple[Order, Order]:
+def _same_mesh(
+    file: Path, points: FloatArray, cells: IntArray, x: FloatArray, rows: IntArray
+) -> tuple[IntArray, IntArray]:
     """The numbers in a file of the nodes and of the cells of a mesh.
 
     Raises:
@@ -124,7 +124,7 @@ def _same_mesh(file: Path, points: FloatArray, cells: Order, x: FloatArray, rows
     """
     if np.array_equal(points, x) and np.array_equal(cells, rows):
         return np.arange(len(x)), np.arange(len(rows))
-    node: Order = np.full(1, -1)
+    node: IntArray = np.full(1, -1)
     if points.shape == x.shape and cells.shape == rows.shape and len(points):
         node = same_nodes(x, in_a_cell(x, rows), points, cells, _NEAR * float(np.max(np.ptp(points, axis=0))))
     if np.any(node < 0) or len(np.unique(node)) < len(node):

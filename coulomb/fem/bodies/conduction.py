@@ -18,7 +18,7 @@ import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ...arrays import FloatArray, is_number
+from ...arrays import BoolArray, FloatArray, is_number
 from .. import compat
 from ..compat import fem, ufl
 from ..geometry import Amplitude, Coefficient, evaluate_amplitude, evaluate_signed_numbers, of_place, on_all_ranks
@@ -125,11 +125,11 @@ class Conduction:
         for number, load in enumerate(self.loads):
             self._add(number, load, films)
         self.K = self._joined([self._matrix(member, films[member.name]) for member in bodies.members])
-        self.follows: npt.NDArray[np.bool_] = np.zeros(len(bodies.x), dtype=bool)
+        self.follows: BoolArray = np.zeros(len(bodies.x), dtype=bool)
         self.T = self._tied()
 
     @property
-    def fixed(self) -> npt.NDArray[np.bool_]:
+    def fixed(self) -> BoolArray:
         """Which of this rank's nodes have a prescribed temperature, shape (k,)."""
         return self.fixed_by >= 0
 

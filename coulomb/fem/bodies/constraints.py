@@ -19,7 +19,7 @@ import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import BoolArray, FloatArray, Int32Array, IntArray
 from .. import compat
 from ..geometry import first_place, on_all_ranks
 from .supports import Support
@@ -184,14 +184,14 @@ class DirichletConditions:
             entries.append({"kind": "dirichlet", "face": None, "holds": f"{letters or 'nothing'} of {nodes} nodes"})
         return entries
 
-    def _held(self, bc: Any) -> npt.NDArray[np.bool_]:
+    def _held(self, bc: Any) -> BoolArray:
         """Which components of this rank's nodes a condition holds, shape (k, 3)."""
         held = np.zeros(self._x.size, dtype=bool)
         dofs = np.asarray(bc.dof_indices()[0])
         held[dofs[dofs < self._x.size]] = True
         return held.reshape(-1, 3)
 
-    def _directions(self, bc: Any) -> tuple[npt.NDArray[np.int64], FloatArray]:
+    def _directions(self, bc: Any) -> tuple[IntArray, FloatArray]:
         held = self._held(bc)
         nodes = np.flatnonzero(np.any(held, axis=1))
         return nodes, held[nodes][:, :, None] * np.eye(3)
@@ -237,7 +237,7 @@ class HeldDirections:
             H[held] = self.projector[place[held]]
         return H
 
-    def of(self, here: npt.NDArray[np.bool_]) -> HeldDirections:
+    def of(self, here: BoolArray) -> HeldDirections:
         """Those of some of the nodes, which are True in `here` (k,)."""
         kept = here[self.nodes]
         return HeldDirections(int(here.sum()), (np.cumsum(here) - 1)[self.nodes[kept]], self.projector[kept])
@@ -248,14 +248,14 @@ class HeldDirections:
         return int(np.sum(np.round(np.trace(self.projector, axis1=1, axis2=2))))
 
     @cached_property
-    def components(self) -> npt.NDArray[np.bool_]:
+    def components(self) -> BoolArray:
         """Which components of the displacements are prescribed whatever the others are, shape (k, 3)."""
         components = np.zeros((self.count, 3), dtype=bool)
         components[self.nodes] = np.einsum("kii->ki", self.projector) > 1.0 - 1e-14
         return components
 
     @cached_property
-    def oblique(self) -> npt.NDArray[np.bool_]:
+    def oblique(self) -> BoolArray:
         """Which of `nodes` have held directions that are not coordinate axes, shape (m,)."""
         along_axes = (self.projector == 0.0) | (self.projector == np.eye(3))
         return ~np.all(along_axes, axis=(1, 2))
@@ -304,7 +304,7 @@ class PrescribedRows:
         np.add.at(u, self.node, values[:, None] * self.dual)
         return u
 
-    def along(self, chosen: npt.NDArray[np.bool_]) -> HeldDirections:
+    def along(self, chosen: BoolArray) -> HeldDirections:
         """The directions that some of the rows (r,) hold by themselves."""
         nodes, place = np.unique(self.node[chosen], return_inverse=True)
         gram = np.zeros((len(nodes), 3, 3))
@@ -391,7 +391,7 @@ class SupportedNodes:
     """
 
     support: Support
-    nodes: npt.NDArray[np.int32]
+    nodes: Int32Array
     directions: FloatArray
     displacement: FloatArray
 
@@ -482,7 +482,7 @@ def _scales(given: Sequence[SupportedNodes]) -> FloatArray:
 
 
 def _count_and_place(
-    condition: npt.NDArray[np.bool_], x: FloatArray, supports: Sequence[int], comm: MPI.Comm
+    condition: BoolArray, x: FloatArray, supports: Sequence[int], comm: MPI.Comm
 ) -> tuple[int, str, list[int]]:
     """Number of nodes of all ranks where a condition holds, the first of them, and the supports of all ranks."""
     place = first_place(x, condition) if np.any(condition) else ""

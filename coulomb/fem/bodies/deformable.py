@@ -14,11 +14,10 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ...arrays import FloatArray
+from ...arrays import BoolArray, FloatArray, Int32Array, IntArray
 from .. import compat
 from ..meshes import SEPARATOR, NamedMesh, Slice, boundary_facets
 from .constraint_transposes import owed_before
@@ -88,17 +87,17 @@ class Deformable(ReducedBodies):
         return self.members[0].body
 
     @abstractmethod
-    def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
+    def face(self, name: str, what: str) -> tuple[Member, Int32Array]:
         """A face: the body that it is on, and this rank's facets of the body's mesh; ValueError, beginning with `what`,
         if there is none."""
 
-    def nodes(self, face: str, what: str) -> npt.NDArray[np.int32]:
+    def nodes(self, face: str, what: str) -> Int32Array:
         """This rank's nodes on a face, sorted; errors as of `face`."""
         member, facets = self.face(face, what)
         return (member.nodes.start + member.body.nodes_of(facets)).astype(np.int32)
 
     @abstractmethod
-    def numbers_of(self, member: Member, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    def numbers_of(self, member: Member, numbers: IntArray) -> IntArray:
         """Global numbers of nodes, of any rank, from their global numbers in the space of a body alone."""
 
     @property
@@ -269,7 +268,7 @@ class SingleBody(DisplacementSpace, Deformable):
         """Its derivative along u, nodal forces in newtons, shape (k, 3); at a deformed place, there; collective."""
         return self.internal_force(u)
 
-    def with_faces(self, faces: Mapping[str, npt.NDArray[np.int32]]) -> Self:
+    def with_faces(self, faces: Mapping[str, Int32Array]) -> Self:
         """The same with other facets of some faces, this rank's by name, which no load or support is on."""
         there = copy.copy(self)
         there.mesh = replace(self.mesh, faces={**self.mesh.faces, **faces})
@@ -290,7 +289,7 @@ class SingleBody(DisplacementSpace, Deformable):
         finally:
             points[:] = known
 
-    def turning_loads(self) -> Iterator[tuple[npt.NDArray[np.int32], FloatArray, FloatArray]]:
+    def turning_loads(self) -> Iterator[tuple[Int32Array, FloatArray, FloatArray]]:
         """As of `HyperelasticBody`; none by default."""
         yield from ()
 
@@ -314,7 +313,7 @@ class SingleBody(DisplacementSpace, Deformable):
         return names_of_components(parts)
 
     @property
-    def anchor_places(self) -> tuple[npt.NDArray[np.bool_], ...]:
+    def anchor_places(self) -> tuple[BoolArray, ...]:
         """Which of this rank's nodes suit as anchors of free motions, the best first, shapes (k,): those inside, which
         cannot be in contact; those that are not held obliquely; all."""
         everywhere = np.ones(self._owned, dtype=bool)
@@ -332,17 +331,17 @@ class SingleBody(DisplacementSpace, Deformable):
         return (Member("", self, slice(0, self._owned)),)
 
     @property
-    def without_area(self) -> npt.NDArray[np.int32]:
+    def without_area(self) -> Int32Array:
         """The integral of r N over r is 0 on the axis."""
         of = self.mesh.slice
         if of is None or not of.axis or self.degree == 1:
             return np.empty(0, dtype=np.int32)
         return self.nodes_of(self.mesh.faces["axis"])
 
-    def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
+    def face(self, name: str, what: str) -> tuple[Member, Int32Array]:
         return self.members[0], self.mesh.facets(name, what)
 
-    def numbers_of(self, member: Member, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    def numbers_of(self, member: Member, numbers: IntArray) -> IntArray:
         return numbers
 
     @abstractmethod

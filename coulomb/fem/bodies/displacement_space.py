@@ -16,7 +16,7 @@ import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import FloatArray, Int32Array, IntArray
 from .. import compat
 from ..compat import fem, ufl
 from ..meshes import facet_columns, lagrange_points, lagrange_values
@@ -28,7 +28,7 @@ class Vertices:
     """The vertices of a mesh: linear displacements on it, and the node of each vertex of this rank, shape (v,)."""
 
     space: DisplacementSpace
-    node: npt.NDArray[np.int64]
+    node: IntArray
 
 
 class DisplacementFunction(fem.Function):  # type: ignore[misc]
@@ -65,7 +65,7 @@ class DisplacementSpace:
         self.x = self._coordinates()
         self._integrals: dict[tuple[str, bytes], FloatArray] = {}
         self._on_each_cell: dict[tuple[int, ...], Any] = {}
-        self._nodes_of: dict[bytes, npt.NDArray[np.int32]] = {}
+        self._nodes_of: dict[bytes, Int32Array] = {}
         self.points_of_faces: dict[bytes, Any] = {}
 
     @property
@@ -116,11 +116,11 @@ class DisplacementSpace:
         function.x.array[compat.cell_dofs(function.function_space)] = vectors[compat.cell_dofs(self.V)]
         return function
 
-    def key_of(self, facets: npt.NDArray[np.int32]) -> bytes:
+    def key_of(self, facets: Int32Array) -> bytes:
         """A key for facets: those of all ranks, since facets of others have nodes here; collective."""
         return b"".join(self.comm.allgather(sha256(facets.tobytes()).digest()))
 
-    def nodes_of(self, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    def nodes_of(self, facets: Int32Array) -> Int32Array:
         """This rank's nodes on boundary facets of any rank, sorted; collective."""
         key = self.key_of(facets)
         if key not in self._nodes_of:
@@ -128,14 +128,14 @@ class DisplacementSpace:
             self._nodes_of[key] = dofs[dofs < self._owned].astype(np.int32)
         return self._nodes_of[key].copy()
 
-    def nodes_at(self, points: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    def nodes_at(self, points: Int32Array) -> Int32Array:
         """This rank's nodes at nodes of the mesh's geometry, where these are the same, sorted."""
         chosen = np.zeros(len(self.domain.geometry.x), dtype=bool)
         chosen[points] = True
         nodes = np.unique(compat.cell_dofs(self.V)[chosen[compat.cell_geometry(self.domain)]])
         return nodes[nodes < self._owned].astype(np.int32)
 
-    def in_cells(self, facets: npt.NDArray[np.int32]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
+    def in_cells(self, facets: Int32Array) -> tuple[Int32Array, IntArray]:
         """The cells of those boundary facets that this rank owns, ascending, shape (f,), and which nodes of its cell
         are on each, in VTK's order, shape (f, n)."""
         topology = self.domain.topology
@@ -148,7 +148,7 @@ class DisplacementSpace:
         number = np.argmax(of_cell.array.reshape(-1, len(columns))[cell] == own[:, None], axis=1)
         return cell, np.asarray(columns)[number]
 
-    def points_of_cells(self, cells: npt.NDArray[np.int32]) -> FloatArray:
+    def points_of_cells(self, cells: Int32Array) -> FloatArray:
         """Coordinates of the nodes of cells (c,) of this rank, in metres, shape (c, n, 3)."""
         domain, cell = self.domain, self.domain.topology.cell_type
         x: FloatArray = domain.geometry.x[compat.cell_geometry(domain)[cells]]
@@ -173,7 +173,7 @@ class DisplacementSpace:
         found[nodes[mine]] = np.repeat(middle, np.sum(mine, axis=1), axis=0)
         return found
 
-    def area_of(self, facets: npt.NDArray[np.int32]) -> FloatArray:
+    def area_of(self, facets: Int32Array) -> FloatArray:
         """Integral of every hat function over boundary facets in m^2, this rank's nodes, shape (k,); collective."""
 
         def area() -> FloatArray:
@@ -182,7 +182,7 @@ class DisplacementSpace:
 
         return self._integral("area", facets, area)
 
-    def normal_of(self, facets: npt.NDArray[np.int32]) -> FloatArray:
+    def normal_of(self, facets: Int32Array) -> FloatArray:
         """Integral of the outward normal against every hat function over boundary facets, m^2, shape (k, 3);
         collective."""
 
@@ -192,14 +192,14 @@ class DisplacementSpace:
 
         return self._integral("normal", facets, normal)
 
-    def _integral(self, name: str, facets: npt.NDArray[np.int32], compute: Callable[[], FloatArray]) -> FloatArray:
+    def _integral(self, name: str, facets: Int32Array, compute: Callable[[], FloatArray]) -> FloatArray:
         """An integral over boundary facets of the undeformed mesh, kept for later load steps; collective."""
         key = (name, self.key_of(facets))
         if key not in self._integrals:
             self._integrals[key] = compute()
         return self._integrals[key].copy()
 
-    def positive_weights(self, facets: npt.NDArray[np.int32]) -> tuple[FloatArray, FloatArray]:
+    def positive_weights(self, facets: Int32Array) -> tuple[FloatArray, FloatArray]:
         """Area and outward normal around this rank's nodes: integrals over boundary facets in m^2, shapes (k,), (k, 3),
         weighted by hat functions, on 10-node tetrahedra at vertices by linear ones: so they are positive."""
         area, normal = self.area_of(facets), self.normal_of(facets)
@@ -209,7 +209,7 @@ class DisplacementSpace:
         return area, normal
 
     @property
-    def without_area(self) -> npt.NDArray[np.int32]:
+    def without_area(self) -> Int32Array:
         """The nodes around which facets have no area: those of second-order wedges on their axis (`SingleBody`)."""
         return np.empty(0, dtype=np.int32)
 
@@ -258,16 +258,16 @@ class DisplacementSpace:
         field.interpolate(self.vertices.space.function(corners))
         return field.x.array[: 3 * self._owned].reshape(-1, 3)[:, : values.shape[1]].copy()
 
-    def measure(self, facets: npt.NDArray[np.int32]) -> Any:
+    def measure(self, facets: Int32Array) -> Any:
         """UFL's measure of boundary facets."""
         tags = compat.meshtags(self.domain, 2, facets, np.ones(len(facets), dtype=np.int32))
         return ufl.Measure("ds", domain=self.domain, subdomain_data=tags, subdomain_id=1)
 
-    def surface_load(self, traction: FloatArray, facets: npt.NDArray[np.int32]) -> FloatArray:
+    def surface_load(self, traction: FloatArray, facets: Int32Array) -> FloatArray:
         """Nodal forces in newtons of tractions in pascals on boundary facets; shapes (k, 3)."""
         return self._assemble(fem.form(ufl.inner(self.function(traction), self._test) * self.measure(facets)))
 
-    def pressure_load(self, pressure: FloatArray, facets: npt.NDArray[np.int32]) -> FloatArray:
+    def pressure_load(self, pressure: FloatArray, facets: Int32Array) -> FloatArray:
         """Nodal forces in newtons, shape (k, 3), of a pressure (k,) in pascals: the integral of -p n over each facet of
         the undeformed mesh; n varies over a facet with four corners that is not plane."""
         p = self.function(np.repeat(pressure[:, None], 3, axis=1))[0]

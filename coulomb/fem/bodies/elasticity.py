@@ -9,10 +9,9 @@ from functools import cached_property
 from typing import Any, Final, Self, cast
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, Int32Array
 from ...native import address, kernels
 from .. import compat
 from ..compat import fem, ufl
@@ -399,7 +398,7 @@ def assembled_matrix(form: Any, V: Any) -> PETSc.Mat:
     return K
 
 
-def _node_graph(nodes: npt.NDArray[np.int32], count: int) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+def _node_graph(nodes: Int32Array, count: int) -> tuple[Int32Array, Int32Array]:
     """The nodes that are in a cell with each node, ascending, in compressed form."""
     cells, width = nodes.shape
     begin, of, mark = np.zeros(count + 1, np.int32), np.empty(nodes.size, np.int32), np.full(count, -1, np.int32)
@@ -412,7 +411,7 @@ def _node_graph(nodes: npt.NDArray[np.int32], count: int) -> tuple[npt.NDArray[n
     return indptr, indices
 
 
-def _table(rows: Any) -> npt.NDArray[np.int32]:
+def _table(rows: Any) -> Int32Array:
     return np.ascontiguousarray(rows, dtype=np.int32)
 
 

@@ -9,12 +9,11 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, Self
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ...arrays import FloatArray
+from ...arrays import BoolArray, FloatArray, IntArray
 from ...units import amount
 from .constraints import HeldNodes, Numbering, diagonal_of, distributed_rows, local_rows, rows_of
 from .free_motions import FreeMotions, anchors, free_motions
@@ -59,7 +58,7 @@ class AddedSprings:
         K.axpy(1.0, self.stiffness, pattern.SUBSET if self.inside else pattern.DIFFERENT_NONZERO_PATTERN)
         K.setAttr("mesh", lifetime)
 
-    def of_components(self, modes: FloatArray, component: npt.NDArray[np.int64]) -> FloatArray:
+    def of_components(self, modes: FloatArray, component: IntArray) -> FloatArray:
         """Their forces in motions (k, 3, j) of one component after the other, all others at rest, over the largest
         stiffness, shape (k, 3, j); collective."""
         comm, forces = self.stiffness.comm.tompi4py(), np.zeros_like(modes)
@@ -102,7 +101,7 @@ class ReducedBodies(HeldNodes, ABC):
         added_springs: Springs beside those of the bodies.
     """
 
-    component: npt.NDArray[np.int64]
+    component: IntArray
     added_springs: AddedSprings | None = None
     _made: Made
     _K_of: ReducedBodies | None = None
@@ -163,7 +162,7 @@ class ReducedBodies(HeldNodes, ABC):
         """What each component is called in messages; collective."""
 
     @property
-    def moving_together(self) -> tuple[npt.NDArray[np.int64], tuple[str, ...]]:
+    def moving_together(self) -> tuple[IntArray, tuple[str, ...]]:
         """The component of each of this rank's nodes, where those that are tied are one, shape (k,), and what each is
         called in messages; collective."""
         return self.constraints.joined(self.component, self.component_names)
@@ -295,7 +294,7 @@ def eliminated(bodies: ReducedBodies) -> Reduced:
     return Reduced(K, mean, anchoring)
 
 
-def _anchors(bodies: ReducedBodies) -> npt.NDArray[np.bool_]:
+def _anchors(bodies: ReducedBodies) -> BoolArray:
     """Which unknowns are anchors of free motions: those of nodes that follow no other, if these determine all motions,
     shape (k + p, 3); collective."""
     places = np.zeros((4, len(bodies.reduction.points)), dtype=bool)
@@ -312,7 +311,7 @@ _SOFT: Final = 1e-12
 resisted by no more than rounding errors."""
 
 
-def _refuse_soft(bodies: ReducedBodies, anchored: npt.NDArray[np.bool_], diagonal: FloatArray) -> None:
+def _refuse_soft(bodies: ReducedBodies, anchored: BoolArray, diagonal: FloatArray) -> None:
     """ValueError on every rank, if anchors, supports, ties and springs on bodies of materials resist rigid motions by
     no more than rounding errors of the diagonal (k, 3), N/m; collective."""
     comm, count = bodies.comm, len(bodies.x)

@@ -17,7 +17,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 from mpi4py import MPI
 
-from ...arrays import FloatArray, IntArray, as_list, in_words, is_number
+from ...arrays import BoolArray, FloatArray, IntArray, as_list, in_words, is_number
 from ...nearest import tree_of
 from .. import compat
 from ..geometry import Amplitude, on_all_ranks
@@ -109,7 +109,7 @@ class Equations:
         """Themselves."""
         return self
 
-    def joined(self, body: Deformable, taken: npt.NDArray[np.bool_]) -> Tie:
+    def joined(self, body: Deformable, taken: BoolArray) -> Tie:
         """Their rows, of nodes that do not follow others already (`taken`, (k,)); collective.
 
         Raises:
@@ -265,7 +265,7 @@ def _solved(inverse: Any, right: scipy.sparse.csr_matrix) -> scipy.sparse.csc_ma
     return scipy.sparse.csc_matrix(dense) @ lifted
 
 
-def _refuse_prescribed(body: Deformable, taken: npt.NDArray[np.bool_], s: IntArray, what: Callable[[int], str]) -> None:
+def _refuse_prescribed(body: Deformable, taken: BoolArray, s: IntArray, what: Callable[[int], str]) -> None:
     """ValueError on every rank if supports hold displacements s, or their nodes follow others; collective."""
     mine = np.flatnonzero((s // 3 >= body.numbering.first) & (s // 3 < body.numbering.first + len(body.x)))
     node, axis = s[mine] // 3 - body.numbering.first, s[mine] % 3

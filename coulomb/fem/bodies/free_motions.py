@@ -14,12 +14,11 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
 from scipy.sparse.csgraph import connected_components
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import BoolArray, FloatArray, IntArray
 from ...units import amount as in_units
 from ..meshes import fetched, starts_of
 from .rigid_modes import SMALL, RigidLoad, RigidPart, component_modes, direction_in_words, null_space, tidy
@@ -29,9 +28,7 @@ _WORSE: Final = 0.3
 """How much worse the first places may determine the motions than the best."""
 
 
-def anchors(
-    free: FreeMotions, R: FloatArray, x: FloatArray, places: Sequence[npt.NDArray[np.bool_]], comm: MPI.Comm
-) -> npt.NDArray[np.bool_]:
+def anchors(free: FreeMotions, R: FloatArray, x: FloatArray, places: Sequence[BoolArray], comm: MPI.Comm) -> BoolArray:
     """As many unknowns as there are free motions, which these determine well, shape (n, 3); collective.
 
     They are the pivots of the rows of R at the extreme nodes in 26 directions, by components; of the first places that
@@ -60,7 +57,7 @@ def anchors(
     return found
 
 
-def _extremes(x: FloatArray, nodes: npt.NDArray[np.int64], comm: MPI.Comm) -> npt.NDArray[np.int64]:
+def _extremes(x: FloatArray, nodes: IntArray, comm: MPI.Comm) -> IntArray:
     """Of all ranks' nodes the extreme ones in 26 directions; those of this rank, ascending; collective."""
     ways = np.array([(i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1) if (i, j, k) != (0, 0, 0)])
     ways = ways / np.linalg.norm(ways, axis=1)[:, None] + np.array([3.1e-3, 1.7e-3, 5.3e-3])  # of equals the same one
@@ -70,7 +67,7 @@ def _extremes(x: FloatArray, nodes: npt.NDArray[np.int64], comm: MPI.Comm) -> np
     return np.unique(nodes[np.argmax(heights[:, own], axis=0)]) if len(nodes) else nodes
 
 
-def _pivots(R: FloatArray, nodes: npt.NDArray[np.int64], comm: MPI.Comm) -> tuple[npt.NDArray[np.bool_], float]:
+def _pivots(R: FloatArray, nodes: IntArray, comm: MPI.Comm) -> tuple[BoolArray, float]:
     """The pivots of the rows of R (n, 3, q) at some of this rank's nodes, shape (n, 3), and the size of the last;
     collective."""
     found, size = np.zeros(R.shape[:2], dtype=bool), 0.0
@@ -172,7 +169,7 @@ class FreeMotions:
     """
 
     comm: MPI.Comm
-    component: npt.NDArray[np.int64]
+    component: IntArray
     motions: tuple[FreeMotion, ...]
     bodies: tuple[str, ...]
     openings: FloatArray | None = None
@@ -264,7 +261,7 @@ _HARDLY: Final = 1e-10
 
 def free_motions(
     x: FloatArray,
-    component: npt.NDArray[np.int64],
+    component: IntArray,
     names: Sequence[str],
     forces: FloatArray,
     comm: MPI.Comm,

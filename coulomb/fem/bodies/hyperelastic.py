@@ -10,10 +10,9 @@ from operator import add
 from typing import Any, Self, cast
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, Int32Array
 from .. import compat
 from ..compat import fem, ufl
 from ..geometry import Amplitude, Field, Turn, evaluate_amplitude
@@ -83,7 +82,7 @@ class _Turning:
     """A point load of which the point moves with the nodes of its face: `PointLoad.units`, and the point before."""
 
     load: PointLoad
-    nodes: npt.NDArray[np.int32]
+    nodes: Int32Array
     units: FloatArray
     point: FloatArray
 
@@ -210,7 +209,7 @@ class HyperelasticBody(NonlinearBody):
         if self.acting:
             self._siblings[self.acting] = self
 
-    def with_faces(self, faces: Mapping[str, npt.NDArray[np.int32]]) -> Self:
+    def with_faces(self, faces: Mapping[str, Int32Array]) -> Self:
         there = super().with_faces(faces)
         there._siblings = {there.acting: there}
         return there
@@ -276,7 +275,7 @@ class HyperelasticBody(NonlinearBody):
         self._kelvin = loaded.function(np.repeat(self._change[:, None], 3, axis=1), "temperature")
         return 1.0 + self._amplitude * loaded._on_cells(expansion, "expansion") * self._kelvin[0]
 
-    def _value(self, load: Pressure, facets: npt.NDArray[np.int32]) -> Any:
+    def _value(self, load: Pressure, facets: Int32Array) -> Any:
         """The pressure at amplitude 1, a scalar of UFL, from its nodal values."""
         values = load.nodal_values(self._loaded, facets)
         return self._loaded.function(np.repeat(values[:, None], 3, axis=1), "pressure")[0]
@@ -347,7 +346,7 @@ class HyperelasticBody(NonlinearBody):
                 found.append(Wrench(one.load.face, one.point, force, moment, part.forces))
         return found
 
-    def turning_loads(self) -> Iterator[tuple[npt.NDArray[np.int32], FloatArray, FloatArray]]:
+    def turning_loads(self) -> Iterator[tuple[Int32Array, FloatArray, FloatArray]]:
         """Of loads that turn with their face its nodes (m,), and of their derivative C sum(Z^T z) along displacements z
         of these nodes the forces C by rotations, newtons per radian, shape (k, 3, 3), and the rotations, 1/m, shape (m,
         3, 3); collective."""
@@ -442,7 +441,7 @@ class HyperelasticBody(NonlinearBody):
         return self._loaded.numbers_per_cell
 
 
-def _surfaces(body: LoadedBody, faces: Sequence[npt.NDArray[np.int32]]) -> Callable[[int, Any], Any]:
+def _surfaces(body: LoadedBody, faces: Sequence[Int32Array]) -> Callable[[int, Any], Any]:
     """The integral over a face, by its number, of an integrand, as a form.  Faces may overlap: of one set of tags every
     facet has that of the faces that it is on."""
     facets = np.unique(np.concatenate([np.empty(0, dtype=np.int32), *faces])).astype(np.int32)

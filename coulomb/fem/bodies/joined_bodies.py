@@ -11,11 +11,10 @@ from itertools import pairwise
 from typing import Any, TypeVar, cast, overload
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 from petsc4py import PETSc
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, Int32Array, IntArray
 from ..geometry import Amplitude, Field
 from ..meshes import SEPARATOR, JoinedMesh, NamedMesh, is_mesh_data
 from .constraints import HeldDirections, Numbering, distributed_rows, local_rows
@@ -265,14 +264,14 @@ class JoinedBodies(Deformable):
             return self.x
         return np.concatenate([one.body.reference for one in self._members])
 
-    def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
+    def face(self, name: str, what: str) -> tuple[Member, Int32Array]:
         if self._mesh is None:
             return self._members[0], self._members[0].body.mesh.facets(name, what)
         of, own = self._mesh.split(name, what)
         member = next(member for member in self._members if member.name == of)
         return member, member.body.mesh.facets(own, what)
 
-    def numbers_of(self, member: Member, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    def numbers_of(self, member: Member, numbers: IntArray) -> IntArray:
         return self._numbers.of([one.name for one in self._members].index(member.name), numbers)
 
     # --- stiffness ----------------------------------------------------------------------------------------------------

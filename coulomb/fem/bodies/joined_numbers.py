@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
+
+from ...arrays import IntArray
 
 
 class JoinedNumbers:
@@ -22,7 +23,7 @@ class JoinedNumbers:
     def first_of(self, rank: int) -> int:
         return int(self._first[rank].sum())
 
-    def of(self, place: int, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    def of(self, place: int, numbers: IntArray) -> IntArray:
         """Numbers among all, from those of one body; of any rank."""
         ends = self._first[:, place] + self._count[:, place]
         rank = np.searchsorted(ends, numbers, side="right")  # a rank without any ends where it starts
@@ -31,7 +32,7 @@ class JoinedNumbers:
 
 
 def in_joined_numbers(
-    rows: scipy.sparse.csr_matrix, number: Callable[[npt.NDArray[np.int64]], npt.NDArray[np.int64]], total: int
+    rows: scipy.sparse.csr_matrix, number: Callable[[IntArray], IntArray], total: int
 ) -> scipy.sparse.csr_matrix:
     """Rows over the displacements of the nodes of one body as rows over those of all."""
     node, axis = np.divmod(rows.indices.astype(np.int64), 3)

@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, is_number, short
+from ...arrays import FloatArray, Int32Array, is_number, short
 from .. import compat
 from ..geometry import (
     Amplitude,
@@ -119,7 +118,7 @@ class Pressure:
         facets = mesh.facets(self.face, self.kind)
         return body.pressure_load(self.nodal_values(body, facets), facets)
 
-    def nodal_values(self, body: DisplacementSpace, facets: npt.NDArray[np.int32]) -> FloatArray:
+    def nodal_values(self, body: DisplacementSpace, facets: Int32Array) -> FloatArray:
         """The pressure at this rank's nodes of the facets, 0 at others, pascals, shape (k,); errors as of
         `nodal_force`; collective."""
         values, nodes = np.zeros(len(body.x)), body.nodes_of(facets)

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, in_words
+from ...arrays import BoolArray, FloatArray, Int32Array, IntArray, in_words
 from ...units import amount
 from ..cell_search import ROUNDING, CellSearch
 from ..compat import cell_dofs, cell_geometry
@@ -30,15 +30,13 @@ _ALONG: Final = np.array([1.0, 0.7548776662, 0.5698402910])
 """A direction of no mesh, along which cells beside each other have their middles at different places: by it the choice
 between them is the same on any number of ranks."""
 
-Ints = npt.NDArray[np.int64]
-
 
 @dataclass(frozen=True, eq=False)
 class Interpolation:
     """Nodes (p, n) among this rank's, ghosts included, and their weights, by which a nodal field is interpolated at
     points; 0 for points that another rank interpolates."""
 
-    nodes: Ints
+    nodes: IntArray
     weights: FloatArray
 
     def of(self, values: FloatArray, comm: MPI.Comm) -> FloatArray:
@@ -60,12 +58,12 @@ class LocatedPoints:
 
     x: FloatArray
     body: Interpolation
-    faces: Ints
+    faces: IntArray
     surface: Interpolation
 
 
 def locate(
-    points: FloatArray, names: Sequence[str], body: DisplacementSpace, faces: Sequence[npt.NDArray[np.int32]]
+    points: FloatArray, names: Sequence[str], body: DisplacementSpace, faces: Sequence[Int32Array]
 ) -> LocatedPoints:
     """Find points (p, 3), the same on every rank, in the mesh of a body; `faces` are this rank's facets of each contact
     face; collective.
@@ -152,7 +150,7 @@ class _Cells:
         """Shape functions of the displacements at reference coordinates X (3,)."""
         return lagrange_values(self._kind, self._degree, X[None])[0]
 
-    def on_facet(self, X: FloatArray, corners: npt.NDArray[np.bool_]) -> FloatArray:
+    def on_facet(self, X: FloatArray, corners: BoolArray) -> FloatArray:
         """The shape functions at X of the nodes on the facet with these corners of the cell, 0 for other nodes."""
         linear = lagrange_values(self._kind, 1, lagrange_points(self._kind, self._degree))
         beside = np.any(np.abs(linear[:, ~corners]) > 1e-9, axis=1)
@@ -163,7 +161,7 @@ class _Cells:
         for dims in ((2, 0), (3, 0), (2, 3)):
             topology.create_connectivity(*dims)
         of_facet, of_cell, beside = (topology.connectivity(*dims) for dims in ((2, 0), (3, 0), (2, 3)))
-        cell: Ints = np.asarray(beside.array[beside.offsets[facets]], dtype=np.int64)
+        cell: IntArray = np.asarray(beside.array[beside.offsets[facets]], dtype=np.int64)
         vertices = of_cell.array.reshape(-1, self._corners.shape[1])[cell]
         own = of_facet.array.reshape(-1, 3 if self._corners.shape[1] == 4 else 4)[facets]
         corners = np.any(vertices[:, :, None] == own[:, None, :], axis=2)
@@ -182,7 +180,7 @@ class _Facets:
         size: Smallest distance between corners of the cell, shape (f,).
     """
 
-    def __init__(self, x: FloatArray, cell: Ints, corners: npt.NDArray[np.bool_], size: FloatArray):
+    def __init__(self, x: FloatArray, cell: IntArray, corners: BoolArray, size: FloatArray):
         self.cell, self.corners, self.size = cell, corners, size
         # of a quadrilateral in the order (0, 0), (1, 0), (0, 1), (1, 1)
         own = x[corners].reshape(len(x), 3 if x.shape[1] == 4 else 4, 3)

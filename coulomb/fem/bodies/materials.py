@@ -21,10 +21,9 @@ from dataclasses import dataclass
 from typing import Any, Final, cast
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, is_number, real_numbers, short
+from ...arrays import BoolArray, FloatArray, Int32Array, is_number, real_numbers, short
 from .. import compat
 from ..geometry import Coefficient, Field, evaluate_numbers, evaluate_vectors, first_place, of_place, on_all_ranks
 from ..meshes import NamedMesh
@@ -251,7 +250,7 @@ def perpendicular(first: FloatArray, second: FloatArray, x: FloatArray | None = 
         ValueError: If a direction is zero, or both are parallel, with the first place in x (c, 3).
     """
 
-    def refuse(wrong: npt.NDArray[np.bool_], fault: str) -> None:
+    def refuse(wrong: BoolArray, fault: str) -> None:
         if np.any(wrong):
             place = "" if x is None else f", but are at x = {first_place(x, wrong)}"
             raise ValueError(f"material: directions: {fault}{place}")
@@ -359,7 +358,7 @@ AnyMaterial = Material | OrthotropicMaterial
 Materials = AnyMaterial | Mapping[str, AnyMaterial]
 """A material for the whole body, or one per group of cells, by name."""
 
-Cells = slice | npt.NDArray[np.int32]
+Cells = slice | Int32Array
 
 
 def by_group(materials: Materials) -> list[tuple[str | None, AnyMaterial]]:

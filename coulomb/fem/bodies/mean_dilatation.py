@@ -24,11 +24,10 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ...arrays import FloatArray
+from ...arrays import BoolArray, FloatArray, IntArray
 from .. import compat
 from ..compat import fem, ufl
 from .displacement_space import summed
@@ -75,9 +74,7 @@ class CellProducts:
         form: A compiled linear form on V.
     """
 
-    def __init__(
-        self, V: Any, cells: npt.NDArray[np.int64], b: FloatArray, k: FloatArray, volume: FloatArray, form: Any
-    ):
+    def __init__(self, V: Any, cells: IntArray, b: FloatArray, k: FloatArray, volume: FloatArray, form: Any):
         self._V, self.cells, self.b, self.k, self.volume, self._form = V, cells, b, k, volume, form
         self._nodes = compat.cell_dofs(V)[cells]
 
@@ -107,7 +104,7 @@ class CellProducts:
         K.assemble()
 
 
-def mean_dilatation(V: Any, dx: Any, chosen: npt.NDArray[np.bool_], bulk: FloatArray) -> CellProducts | None:
+def mean_dilatation(V: Any, dx: Any, chosen: BoolArray, bulk: FloatArray) -> CellProducts | None:
     """bulk/V b b^T of the chosen of this rank's own cells (c,), with the bulk modulus of each; None if no rank has one;
     collective."""
     if not V.mesh.comm.allreduce(bool(np.any(chosen)), op=MPI.LOR):

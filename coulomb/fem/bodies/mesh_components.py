@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
 from scipy.sparse.csgraph import connected_components
@@ -56,10 +55,7 @@ def _beside(mesh: NamedMesh, corners: IntArray) -> FloatArray:
     return mesh.touching[ask.reply(distance > near)]
 
 
-Numbers = npt.NDArray[np.int64]
-
-
-def mesh_components(space: DisplacementSpace) -> Numbers:
+def mesh_components(space: DisplacementSpace) -> IntArray:
     """The component of each of this rank's nodes, shape (k,), numbered by their smallest x, then y, then z; collective.
 
     Every rank labels the components of its own cells; labels that meet at a node of two ranks are then joined on every
@@ -83,8 +79,8 @@ def mesh_components(space: DisplacementSpace) -> Numbers:
     return _in_order(joined, space.x, comm)
 
 
-def _in_order(joined: Numbers, x: FloatArray, comm: MPI.Comm) -> Numbers:
-    """Numbers of components in the order of their smallest nodes; collective."""
+def _in_order(joined: IntArray, x: FloatArray, comm: MPI.Comm) -> IntArray:
+    """IntArray of components in the order of their smallest nodes; collective."""
     order = np.lexsort(x.T[::-1])
     found, first = np.unique(joined[order], return_index=True)
     mine = [(*point, number) for point, number in zip(x[order][first].tolist(), found.tolist(), strict=True)]

@@ -15,11 +15,10 @@ from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, Int32Array
 from .. import compat
 from ..compat import fem, ufl
 from ..meshes import boundary_facets
@@ -287,7 +286,7 @@ class NonlinearBody(FormBody):
         return super().blocked_displacement(loading) if self._place is None else 0.0
 
     @cached_property
-    def boundary(self) -> npt.NDArray[np.int32]:
+    def boundary(self) -> Int32Array:
         """This rank's nodes on the boundary, sorted; collective."""
         return self.nodes_of(boundary_facets(self.domain))
 
@@ -323,7 +322,7 @@ class NonlinearBody(FormBody):
         there._made, there._assembled = Made(self._values), None
         return there
 
-    def points_of_cells(self, cells: npt.NDArray[np.int32]) -> FloatArray:
+    def points_of_cells(self, cells: Int32Array) -> FloatArray:
         x = super().points_of_cells(cells)
         if self._place is None:
             return x
@@ -331,17 +330,17 @@ class NonlinearBody(FormBody):
         x += self._function.x.array.reshape(-1, 3)[compat.cell_dofs(self.V)[cells]]
         return x
 
-    def area_of(self, facets: npt.NDArray[np.int32]) -> FloatArray:
+    def area_of(self, facets: Int32Array) -> FloatArray:
         if self._place is None:
             return super().area_of(facets)
         return self._integral("area", facets, lambda: self._on_surface(facets, False)[0])
 
-    def normal_of(self, facets: npt.NDArray[np.int32]) -> FloatArray:
+    def normal_of(self, facets: Int32Array) -> FloatArray:
         if self._place is None:
             return super().normal_of(facets)
         return self._integral("normal", facets, lambda: self._on_surface(facets, False)[1])
 
-    def positive_weights(self, facets: npt.NDArray[np.int32]) -> tuple[FloatArray, FloatArray]:
+    def positive_weights(self, facets: Int32Array) -> tuple[FloatArray, FloatArray]:
         if self._place is None or self.positive:
             return super().positive_weights(facets)
         area, normal = self.area_of(facets), self.normal_of(facets)
@@ -354,7 +353,7 @@ class NonlinearBody(FormBody):
         self._function.x.array[: u.size] = u.ravel()
         self._function.x.scatter_forward()
 
-    def _on_surface(self, facets: npt.NDArray[np.int32], vertices: bool) -> tuple[FloatArray, FloatArray]:
+    def _on_surface(self, facets: Int32Array, vertices: bool) -> tuple[FloatArray, FloatArray]:
         """Integrals of the deformed area and of its normal against the hat functions, or the linear ones of the
         vertices: n da = J F^-T N dA (Nanson)."""
         key = facets.tobytes(), vertices

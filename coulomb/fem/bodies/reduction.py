@@ -26,12 +26,11 @@ from functools import cached_property, partial
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ...arrays import FloatArray
+from ...arrays import BoolArray, FloatArray, IntArray
 from .constraints import HeldNodes, Numbering, at_nodes_of, block_diagonal, distributed_rows, rows_of
 from .rigid_modes import component_modes, displacements_of
 from .ties import Tie
@@ -174,7 +173,7 @@ class Reduction:
         return self._distributed(follow.tocsr(), n)
 
     @cached_property
-    def weights(self) -> list[tuple[npt.NDArray[np.int64], slice, FloatArray, FloatArray]]:
+    def weights(self) -> list[tuple[IntArray, slice, FloatArray, FloatArray]]:
         """Of every constraint with own unknowns its nodes, where its unknowns are among all own ones, and D N and the
         fit (N^T D N)^-1 N^T D of these to displacements of the nodes, shapes (m, 3, q); collective."""
         found = []
@@ -345,7 +344,7 @@ class Reduction:
         own = scipy.sparse.csr_matrix(self.stiffness)[: 3 * self.here]
         return block_diagonal(blocks, self.numbering) + scipy.sparse.block_diag([nodes, own], "csr")
 
-    def interpolation(self, linear: scipy.sparse.csr_matrix, columns: int, second: npt.NDArray[np.bool_]) -> PETSc.Mat:
+    def interpolation(self, linear: scipy.sparse.csr_matrix, columns: int, second: BoolArray) -> PETSc.Mat:
         """From displacements that are linear between vertices, of which so many are on this rank, by these rows those
         of nodes, to unknowns: without what is held, at nodes of second order (k,), or follows; own unknowns as they
         are, and nodes of first order, of which K has a diagonal where they are held; collective."""

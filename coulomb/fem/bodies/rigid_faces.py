@@ -18,11 +18,10 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
 
-from ...arrays import FloatArray, is_number
+from ...arrays import BoolArray, FloatArray, is_number
 from ...units import amount
 from ..geometry import Amplitude, Point, check_angle, check_point, rotation_matrix
 from .deformable import Deformable
@@ -102,7 +101,7 @@ class RigidFace(GivenFace):
             raise ValueError(f"{self.what}: along must be 'rigid' or 'free', but is {self.along!r}")
 
     @property
-    def prescribed(self) -> npt.NDArray[np.bool_]:
+    def prescribed(self) -> BoolArray:
         """Which of the six components are prescribed, shape (6,)."""
         return np.array([one is not None for one in (*self.translation, *self.rotation)])
 
@@ -110,12 +109,12 @@ class RigidFace(GivenFace):
         """Itself."""
         return self
 
-    def joined(self, body: Deformable, taken: npt.NDArray[np.bool_]) -> Tie:
+    def joined(self, body: Deformable, taken: BoolArray) -> Tie:
         """Its nodes, and how they move; collective; errors as of `rigid_face_of`."""
         return rigid_face_of(body, self, taken)
 
 
-def rigid_face_of(body: Deformable, given: RigidFace, taken: npt.NDArray[np.bool_]) -> Tie:
+def rigid_face_of(body: Deformable, given: RigidFace, taken: BoolArray) -> Tie:
     """A rigid face of nodes that are in no tie (`taken`, (k,)), with its motion; collective.
 
     Raises:

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray
+from ...arrays import BoolArray, FloatArray, IntArray
 
 SMALL: Final = 1e-3
 """Parts of loads and directions below this are not worth a word."""
@@ -105,9 +104,7 @@ def displacements_of(r: FloatArray, size: FloatArray) -> FloatArray:
     return modes
 
 
-def component_modes(
-    x: FloatArray, component: npt.NDArray[np.int64], comm: MPI.Comm
-) -> tuple[FloatArray, tuple[RigidPart, ...]]:
+def component_modes(x: FloatArray, component: IntArray, comm: MPI.Comm) -> tuple[FloatArray, tuple[RigidPart, ...]]:
     """The six rigid motions of the component of each node, of one metre, shape (k, 3, 6), and the components;
     collective."""
     count = int(comm.allreduce(int(np.max(component, initial=-1)), op=MPI.MAX)) + 1
@@ -123,7 +120,7 @@ def component_modes(
 
 
 def of_components(
-    forces: FloatArray, x: FloatArray, component: npt.NDArray[np.int64], parts: Sequence[RigidPart], comm: MPI.Comm
+    forces: FloatArray, x: FloatArray, component: IntArray, parts: Sequence[RigidPart], comm: MPI.Comm
 ) -> FloatArray:
     """Forces of the motions of each node's component (`component_modes`), from those of the body as a whole
     (`rigid_modes`), linear in them, shapes (k, 3, 6); collective."""
@@ -137,7 +134,7 @@ def of_components(
     return of
 
 
-def of_part(forces: FloatArray, x: FloatArray, here: npt.NDArray[np.bool_], comm: MPI.Comm) -> FloatArray:
+def of_part(forces: FloatArray, x: FloatArray, here: BoolArray, comm: MPI.Comm) -> FloatArray:
     """Forces of the `rigid_modes` of a component's nodes, those `here` (k,), from those of the body as a whole (k, 3,
     6); collective."""
     _, parts = component_modes(x, np.where(here, 0, 1), comm)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, Int32Array
 from ..compat import fem, ufl
 from ..meshes import NamedMesh
 from .displacement_space import DisplacementSpace
@@ -22,10 +21,10 @@ class _OfWork(DisplacementSpace):
         vars(self).update(vars(space))
         self._along = space.function(v)
 
-    def surface_load(self, traction: FloatArray, facets: npt.NDArray[np.int32]) -> FloatArray:
+    def surface_load(self, traction: FloatArray, facets: Int32Array) -> FloatArray:
         return self.along_places(ufl.inner(self.function(traction), self._along), self.measure(facets))
 
-    def pressure_load(self, pressure: FloatArray, facets: npt.NDArray[np.int32]) -> FloatArray:
+    def pressure_load(self, pressure: FloatArray, facets: Int32Array) -> FloatArray:
         """That of n da is (div w n - grad w^T n) da."""
         p = self.function(np.repeat(pressure[:, None], 3, axis=1))[0]
         n, way = ufl.FacetNormal(self.domain), ufl.grad(self._test)

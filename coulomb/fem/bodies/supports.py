@@ -9,10 +9,9 @@ from functools import cached_property
 from typing import Final, Literal, Protocol
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, is_number
+from ...arrays import FloatArray, Int32Array, is_number
 from ...units import amount, plain, quantity, used, vector
 from ..geometry import (
     LEAST_LENGTH,
@@ -403,7 +402,7 @@ class SupportedFace:
 
     def __init__(
         self,
-        nodes: npt.NDArray[np.int32],
+        nodes: Int32Array,
         x: FloatArray,
         comm: MPI.Comm,
         integrals: Callable[[], tuple[FloatArray, FloatArray]] | None = None,

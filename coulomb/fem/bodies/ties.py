@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Protocol
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import BoolArray, FloatArray, IntArray
 from ..geometry import Amplitude, evaluate_amplitude, on_all_ranks
 from .lasting_supports import Lasting
 from .rigid_modes import Wrench, displacements_of
@@ -40,7 +39,7 @@ class GivenFace:
         return np.array([evaluate_amplitude(one, time, self.what) for one in own])
 
     @property
-    def prescribed(self) -> npt.NDArray[np.bool_]:
+    def prescribed(self) -> BoolArray:
         """Which of the six components are prescribed, shape (6,)."""
         raise NotImplementedError
 
@@ -111,7 +110,7 @@ class FaceMotion:
 
     given: GivenFace
     place: FloatArray
-    nodes: npt.NDArray[np.int64]
+    nodes: IntArray
     ways: FloatArray
     motions: FloatArray
     given_part: FloatArray
@@ -227,7 +226,7 @@ class Section:
     place: FloatArray
     direction: FloatArray
     radius: float
-    rim: npt.NDArray[np.int64]
+    rim: IntArray
     arms: FloatArray
     shortening: float = 0.0
 
@@ -288,7 +287,7 @@ class Tie:
     face: str
     against: str
     why: str
-    nodes: npt.NDArray[np.int64]
+    nodes: IntArray
     area: FloatArray
     normal: FloatArray
     rows: scipy.sparse.csr_matrix
@@ -297,7 +296,7 @@ class Tie:
     remarks: tuple[str, ...]
     directions: FloatArray
     own: FloatArray
-    conducting: Callable[[npt.NDArray[np.bool_]], tuple[IntArray, scipy.sparse.csr_matrix]] | None = None
+    conducting: Callable[[BoolArray], tuple[IntArray, scipy.sparse.csr_matrix]] | None = None
     arm: float = 0.0
     motion: FaceMotion | None = None
     bolt: Section | None = None
@@ -336,7 +335,7 @@ class Follower(Lasting, Protocol):
         """Kind and faces, for messages."""
         ...
 
-    def joined(self, body: Any, taken: npt.NDArray[np.bool_]) -> Tie:
+    def joined(self, body: Any, taken: BoolArray) -> Tie:
         """Its rows, of nodes that do not follow others already (`taken`, (k,)); ValueError on every rank if there are
         none; collective."""
         ...

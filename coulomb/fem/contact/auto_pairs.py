@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, IntArray, is_number
+from ...arrays import BoolArray, FloatArray, Int32Array, IntArray, is_number
 from ...units import amount
 from .. import compat
 from ..bodies import DisplacementSpace, mesh_components
@@ -173,7 +173,7 @@ class _OuterFacets(NamedTuple):
     x: FloatArray
     cells: Cells
     points: FloatArray
-    facet: npt.NDArray[np.int32]
+    facet: Int32Array
     key: IntArray
     nodes: IntArray
     component: IntArray
@@ -210,7 +210,7 @@ class _OuterFacets(NamedTuple):
             face[np.isin(self.facet, list(mesh.faces.values())[which])] = which + 1
         return self._replace(face=face)
 
-    def numbered(self, keys: IntArray) -> npt.NDArray[np.int32]:
+    def numbered(self, keys: IntArray) -> Int32Array:
         """This rank's facets among those with these numbers over all ranks."""
         return self.facet[np.isin(self.key, keys)]
 
@@ -455,7 +455,7 @@ def _met(
     return one[use], other[use], gap[use], 1.0 / count[line.ravel()]
 
 
-def _nearest(line: IntArray, size: FloatArray, same: float) -> npt.NDArray[np.bool_]:
+def _nearest(line: IntArray, size: FloatArray, same: float) -> BoolArray:
     """Which entries are as near as the nearest of their line."""
     lines, inverse = np.unique(line, return_inverse=True)
     least = np.full(len(lines), np.inf)

@@ -11,14 +11,13 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import BoolArray, FloatArray, Int32Array, IntArray
 from ...nearest import tree_of
 from .. import compat
 from ..bodies import DisplacementSpace
 from ..meshes import SEPARATOR, boundary_facets, facet_columns, lagrange_points, starts_of
 from .facet_patch import FacetPatch, facet_patch
 
-Flags = npt.NDArray[np.bool_]
 Rows = npt.NDArray[Any]
 
 _SAME: Final = 1e-9
@@ -37,10 +36,10 @@ class Part(NamedTuple):
 
     name: str
     space: DisplacementSpace
-    faces: Mapping[str, npt.NDArray[np.int32]]
+    faces: Mapping[str, Int32Array]
 
 
-Face = tuple[int, npt.NDArray[np.int32]]
+Face = tuple[int, Int32Array]
 """The number of a body and facets of it."""
 
 
@@ -62,7 +61,7 @@ class BodyBoundary:
 
     part: Part
     starts: IntArray
-    facet: npt.NDArray[np.int32]
+    facet: Int32Array
     patch: FacetPatch
     triangles: FloatArray
     row: IntArray
@@ -89,7 +88,7 @@ class BodyBoundary:
             tetrahedra_of(domain.topology.cell_type, space.degree),
         )
 
-    def points(self, number: int, rows: FloatArray, near: Flags, every: bool) -> Rows:
+    def points(self, number: int, rows: FloatArray, near: BoolArray, every: bool) -> Rows:
         """The nodes of facets, and the edges and diagonals of those that have something near them, or of every one; by
         their two ends, of nodes the same.
 
@@ -142,7 +141,7 @@ class BodyBoundary:
         order = np.argsort(nodes, kind="stable")
         return nodes[order], row[order]
 
-    def under(self, facets: npt.NDArray[np.int32]) -> Flags:
+    def under(self, facets: Int32Array) -> BoolArray:
         """Which of this rank's cells have facets on the boundary, and all of them among these, shape (c,)."""
         topology = self.part.space.domain.topology
         topology.create_connectivity(3, 2)
@@ -167,7 +166,7 @@ class BodyBoundary:
         return vector / np.linalg.norm(vector)
 
 
-def sides_of(rows: FloatArray) -> tuple[Flags, Flags]:
+def sides_of(rows: FloatArray) -> tuple[BoolArray, BoolArray]:
     """On which slaves, next to what is kept out, and on which masters all nodes are of some facets or edges, by the
     rows (f, n, w) of `BodyBoundary.points`, shape (f, pairs) each."""
     slave, master = np.split(rows[:, :, 5:], 2, axis=2)
@@ -247,7 +246,7 @@ def _over(end: Callable[..., FloatArray], none: float) -> FloatArray:
     return end(axis=1, initial=none, keepdims=True)
 
 
-def _everywhere(along: Flags) -> Flags:
+def _everywhere(along: BoolArray) -> BoolArray:
     """What holds along all three axes, (3, k), at once in a third of the time of `all`."""
     return np.asarray(along[0] & along[1] & along[2])
 

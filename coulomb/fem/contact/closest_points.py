@@ -13,10 +13,9 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 
-from ...arrays import FloatArray, IntArray, rows_of, unit_vectors
+from ...arrays import BoolArray, FloatArray, Int32Array, IntArray, rows_of, unit_vectors
 from .. import compat
 from ..bodies import DisplacementSpace
 from ..meshes import fetched, starts_of
@@ -176,7 +175,7 @@ class Facets:
         return np.linalg.norm(self.x - straight, axis=2).max(axis=1, initial=0.0) / self.radius
 
     @cached_property
-    def rim(self) -> npt.NDArray[np.bool_]:
+    def rim(self) -> BoolArray:
         """Which edges of the facets are where the face ends, each named by its first corner, shape (f, corners)."""
         corner = self.nodes[:, : self.corners]
         ends = np.sort(np.stack([corner, np.roll(corner, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
@@ -205,7 +204,7 @@ def plane_vectors(corners: FloatArray) -> FloatArray:
     return 0.5 * np.cross(corners[..., 2, :] - corners[..., 0, :], corners[..., -1, :] - corners[..., 1, :])
 
 
-def facets_of(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> tuple[Facets, IntArray]:
+def facets_of(space: DisplacementSpace, facets: Int32Array) -> tuple[Facets, IntArray]:
     """The boundary facets of a face, of all ranks, and the nodes of those of this rank, as `gathered` takes them;
     collective."""
     domain, comm = space.domain, space.comm
@@ -372,7 +371,7 @@ def off_linear(
 
 def _meet(
     face: Facets, facet: IntArray, start: FloatArray, along: FloatArray
-) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
+) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Places (c, 2) in facets (c,), the way to them (c,), and whether the line meets the facet there from outside."""
     place = np.full((len(facet), 2), 1.0 / 3.0 if face.corners == 3 else 0.5)
     way = np.zeros(len(facet))
@@ -411,7 +410,7 @@ def _keep_nearest(
     facet: IntArray,
     place: FloatArray,
     way: FloatArray,
-    meets: npt.NDArray[np.bool_],
+    meets: BoolArray,
     depth: float,
     reach: float,
 ) -> None:
@@ -426,7 +425,7 @@ def _keep_nearest(
     found.facet[line], found.place[line], found.way[line] = facet[best], place[best], way[best]
 
 
-def crossed(slave: Facets, chosen: IntArray, master: Facets, met: IntArray) -> npt.NDArray[np.bool_]:
+def crossed(slave: Facets, chosen: IntArray, master: Facets, met: IntArray) -> BoolArray:
     """Which of some facets (f,) an edge crosses where the master ends, of the master's facets that they are before, by
     their numbers (f, q), -1 for none; shape (f,)."""
     row = np.repeat(np.arange(len(chosen)), met.shape[1])

@@ -27,7 +27,7 @@ import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ...arrays import FloatArray
+from ...arrays import BoolArray, FloatArray, Int32Array, IntArray
 from ..bodies import (
     AddedSprings,
     DisplacementSpace,
@@ -86,9 +86,9 @@ def springs_at(points: ContactPoints, at_points: FloatArray, forces: FloatArray,
 
 
 def places_among(
-    points: tuple[npt.NDArray[np.integer[Any]], npt.NDArray[np.int64]],
-    others: tuple[npt.NDArray[np.integer[Any]], npt.NDArray[np.int64]],
-) -> npt.NDArray[np.int64]:
+    points: tuple[npt.NDArray[np.integer[Any]], IntArray],
+    others: tuple[npt.NDArray[np.integer[Any]], IntArray],
+) -> IntArray:
     """Numbers of contact points among others, -1 of those that are none of them, shape (m,); both by their nodes and
     the numbers of their contacts: a node has a point in every contact of its faces."""
     (nodes, part), (their_nodes, their_part) = points, others
@@ -219,7 +219,7 @@ class ContactPoints:
     """
 
     space: Nodes
-    nodes: npt.NDArray[np.int32]
+    nodes: Int32Array
     area: FloatArray
     weights: scipy.sparse.csr_matrix
     nodal: bool
@@ -292,7 +292,7 @@ class ContactPoints:
         field[self.nodes] = values
         return field if self.nodal else self.space.linear_between_vertices(field)
 
-    def only(self, which: npt.NDArray[np.bool_]) -> ContactPoints:
+    def only(self, which: BoolArray) -> ContactPoints:
         if np.all(which):
             return self
         return replace(
@@ -332,7 +332,7 @@ def among_all(weights: scipy.sparse.csr_matrix, member: Member, whole: Deformabl
     return found
 
 
-def contact_points(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> ContactPoints:
+def contact_points(space: DisplacementSpace, facets: Int32Array) -> ContactPoints:
     """The contact points of boundary facets, in the order of their nodes, kept for the evidence of load steps;
     collective."""
     key = space.key_of(facets)
@@ -342,7 +342,7 @@ def contact_points(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> C
     return space.points_of_faces[key]
 
 
-def nodal_points(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> ContactPoints:
+def nodal_points(space: DisplacementSpace, facets: Int32Array) -> ContactPoints:
     """The nodes of boundary facets, each by itself; collective."""
     nodes, numbering = space.nodes_of(facets), space.numbering
     entries = np.ones(len(nodes)), numbering.first + nodes, np.arange(len(nodes) + 1)
@@ -374,7 +374,7 @@ def joined_points(parts: Sequence[ContactPoints]) -> ContactPoints:
     )
 
 
-def _weighted(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> ContactPoints:
+def _weighted(space: DisplacementSpace, facets: Int32Array) -> ContactPoints:
     """Vertices, each with the integrals of its function psi_j against those of the nodes before deformation, and its
     present area: weights that changed as the face is stretched would couple forces along normals to displacements along
     tangents, and not the other way round."""
@@ -398,9 +398,7 @@ def _weighted(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> Contac
     return ContactPoints(space, nodes.astype(np.int32), area[nodes], weights, False)
 
 
-def _integrals(
-    space: DisplacementSpace, facets: npt.NDArray[np.int32], by_nodes: bool
-) -> tuple[npt.NDArray[np.int64], FloatArray, npt.NDArray[np.int64]]:
+def _integrals(space: DisplacementSpace, facets: Int32Array, by_nodes: bool) -> tuple[IntArray, FloatArray, IntArray]:
     """Of every facet at a vertex of this rank the vertex, the integrals of its psi_j against the functions of the
     facet's nodes, or against 1, and these nodes, (f,), (f, nodes) or (f, 1), (f, nodes); collective."""
     patch = facet_patch(space, facets)

@@ -12,9 +12,8 @@ from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
-from ...arrays import FloatArray, in_words, unit_vectors
+from ...arrays import BoolArray, FloatArray, Int32Array, IntArray, in_words, unit_vectors
 from .. import compat
 from ..bodies import DisplacementSpace
 from ..compat import basix
@@ -126,7 +125,7 @@ class FacetKind:
         return {3: [0, 2, 1], 4: [0, 3, 2, 1], 6: [0, 2, 1, 5, 4, 3], 9: [0, 3, 2, 1, 7, 6, 5, 4, 8]}[self.width]
 
     @property
-    def pieces(self) -> npt.NDArray[np.int64]:
+    def pieces(self) -> IntArray:
         """Columns of the corners of the four pieces of a second-order facet, of the one of a first-order facet."""
         tables: dict[int, list[list[int]]] = {
             3: [[0, 1, 2]],
@@ -233,7 +232,7 @@ class FacetPatch:
     """
 
     kind: FacetKind
-    nodes: npt.NDArray[np.int64]
+    nodes: IntArray
     x: FloatArray
     size: int
     curved: FloatArray | None = None
@@ -315,11 +314,11 @@ class FacetPatch:
         return np.where(creased[:, None], 0.0, bulges)
 
     @property
-    def multiplier_columns(self) -> npt.NDArray[np.int64]:
+    def multiplier_columns(self) -> IntArray:
         """Columns of the nodes that are contact points: all, of 6-node triangles the corners."""
         return np.arange(3 if self.kind.width == 6 else self.kind.width)
 
-    def only(self, which: npt.NDArray[np.bool_] | npt.NDArray[np.int64]) -> FacetPatch:
+    def only(self, which: BoolArray | IntArray) -> FacetPatch:
         curved = None if self.curved is None else self.curved[which]
         return replace(self, nodes=self.nodes[which], x=self.x[which], curved=curved)
 
@@ -372,7 +371,7 @@ class FacetPatch:
         values = np.stack(self.kind.values(points[:, 0], points[:, 1]))
         return np.einsum("nq,fni->fqi", values, self.x)
 
-    def _creased(self, n: FloatArray) -> npt.NDArray[np.bool_]:
+    def _creased(self, n: FloatArray) -> BoolArray:
         """Facets that differ by more than about 50 degrees from those beside them, by mean normals n at the corners:
         one is aslant to them, or they are short, since the facets around a corner differ."""
         area = self.middle_vectors
@@ -380,7 +379,7 @@ class FacetPatch:
         return np.any(aslant | (np.linalg.norm(n, axis=2) < _CREASE), axis=1)
 
 
-def mean_normals(node: npt.NDArray[np.int64], vectors: FloatArray, size: int) -> FloatArray:
+def mean_normals(node: IntArray, vectors: FloatArray, size: int) -> FloatArray:
     """Means of the unit normals of the facets around each of `size` nodes, weighted by their area, shape (size, 3), of
     `FacetPatch.middle_vectors` (k, 3) and the nodes at which they count (k,)."""
     sums, areas = np.zeros((size, 3)), np.bincount(node, np.linalg.norm(vectors, axis=1), size)
@@ -388,7 +387,7 @@ def mean_normals(node: npt.NDArray[np.int64], vectors: FloatArray, size: int) ->
     return sums / np.maximum(areas, 1e-300)[:, None]
 
 
-def facet_patch(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> FacetPatch:
+def facet_patch(space: DisplacementSpace, facets: Int32Array) -> FacetPatch:
     topology = space.domain.topology
     kind = FacetKind(3 if topology.cell_type.name == "tetrahedron" else 4, space.degree)
     cell, columns = space.in_cells(facets)

@@ -6,14 +6,11 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, IntArray, unit_vectors
+from ...arrays import BoolArray, FloatArray, IntArray, unit_vectors
 from .body_boundary import boxes_of, in_boxes
 from .facet_patch import FacetPatch
-
-Flags = npt.NDArray[np.bool_]
 
 _FACING: Final = -1e-6
 """Cosine of the angle between the normals of facets below which they face each other."""
@@ -58,7 +55,7 @@ class Facets(NamedTuple):
         use = np.einsum("pi,pi->p", self.n[facet], others.n[other]) < _FACING
         return facet[use], other[use]
 
-    def never_met(self, facet: IntArray, others: Facets, other: IntArray) -> Flags:
+    def never_met(self, facet: IntArray, others: Facets, other: IntArray) -> BoolArray:
         """In which pairs none can have come through the other on straight ways: along a direction they are one after
         the other, in the same order at both ends of the ways."""
         before, after = self.last[facet] < others.first[other], self.first[facet] > others.last[other]
@@ -66,7 +63,7 @@ class Facets(NamedTuple):
         return np.any((before[:, :k] & before[:, k:]) | (after[:, :k] & after[:, k:]), axis=1)
 
 
-def near(bodies: Sequence[Facets], reach: FloatArray, comm: MPI.Comm) -> list[Flags]:
+def near(bodies: Sequence[Facets], reach: FloatArray, comm: MPI.Comm) -> list[BoolArray]:
     """Which of this rank's facets of each body face one of it, without a common node, that is so near that it can have
     come through, and which one of another body; shape (f, 2) each; collective.
 
@@ -77,7 +74,7 @@ def near(bodies: Sequence[Facets], reach: FloatArray, comm: MPI.Comm) -> list[Fl
     """
     every = [of.of_all_ranks(comm) for of in bodies]
     ends = [(of.low.min(axis=0, initial=np.inf), of.high.max(axis=0, initial=-np.inf)) for of in every]
-    found: list[Flags] = [np.zeros((len(of.n), 2), dtype=bool) for of in bodies]
+    found: list[BoolArray] = [np.zeros((len(of.n), 2), dtype=bool) for of in bodies]
     for part, (of, flags) in enumerate(zip(bodies, found, strict=True)):
         facet, against = of.facing(every[part], reach)
         use = ~np.any(of.nodes[facet, :, None] == every[part].nodes[against, None], axis=(1, 2))

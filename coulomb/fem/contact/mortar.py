@@ -36,10 +36,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 
-from ...arrays import FloatArray, IntArray, in_words
+from ...arrays import BoolArray, FloatArray, IntArray, in_words
 from ...nearest import tree_of
 from .facet_patch import FacetPatch
 from .mortar_parts import Most
@@ -119,7 +118,7 @@ class SlaveFunctions:
 
 
 def slave_functions(
-    slave: FacetPatch, nodes: IntArray, found: FloatArray, sizes: FloatArray, left_out: npt.NDArray[np.bool_]
+    slave: FacetPatch, nodes: IntArray, found: FloatArray, sizes: FloatArray, left_out: BoolArray
 ) -> SlaveFunctions:
     """The functions of all nodes but some, whose functions are added to others: the sum of all stays 1.
 
@@ -149,7 +148,7 @@ def slave_functions(
     return SlaveFunctions(facet, node, np.concatenate([kept[row, j], one]), bare[target < 0])
 
 
-def _nearest(slave: FacetPatch, nodes: IntArray, bare: IntArray, standing: npt.NDArray[np.bool_]) -> IntArray:
+def _nearest(slave: FacetPatch, nodes: IntArray, bare: IntArray, standing: BoolArray) -> IntArray:
     """For some facets, the nearest of these nodes among those of the facets that they share nodes with; -1 if none."""
     facets, width = nodes.shape
     ones = np.ones(facets * width)
@@ -294,9 +293,7 @@ def _around(slave: FacetPatch, owned: tuple[int, int]) -> IntArray:
     return np.flatnonzero(np.any(seen[slave.nodes], axis=1))
 
 
-def weak_nodes(
-    nodes: IntArray, sizes: FloatArray, whole: FloatArray, gone: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.bool_]:
+def weak_nodes(nodes: IntArray, sizes: FloatArray, whole: FloatArray, gone: BoolArray) -> BoolArray:
     """Slave nodes with too small a covered part; of a facet that has no others, the one with the largest part stays."""
     covered = nodal_sums(nodes, sizes, len(whole))
     weak = (covered > 0.0) & (covered < LEAST_SHARE * whole) & ~gone
@@ -314,7 +311,7 @@ def _rows(
     functions: SlaveFunctions,
     owned: tuple[int, int],
     whole: FloatArray,
-    weak: npt.NDArray[np.bool_],
+    weak: BoolArray,
     interpolated: bool,
 ) -> MortarRows:
     facet, coefficients = functions.facet, functions.coefficients
@@ -360,7 +357,7 @@ def _rows(
 
 def _interpolated(
     slave: FacetPatch, parts: Segments, products: FloatArray, facet: IntArray, row: IntArray, area: FloatArray
-) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+) -> tuple[FloatArray, BoolArray]:
     """Averages of the way to the master as its interpolant at the corners of the facets, shape (m, 3), and whether it
     is known at all corners that have a part in them, shape (m,).
 

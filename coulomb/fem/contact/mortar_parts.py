@@ -12,9 +12,8 @@ from functools import cached_property
 from typing import Final, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import BoolArray, FloatArray, IntArray
 from .facet_patch import FacetPatch
 from .sphere_tree import SphereTree, sphere_tree
 
@@ -31,7 +30,7 @@ _PAIRS: Final = 20_000
 """Pairs clipped at once, so that the arrays stay in the cache."""
 
 
-def clipped(subject: FloatArray, window: FloatArray) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+def clipped(subject: FloatArray, window: FloatArray) -> tuple[FloatArray, IntArray]:
     """The common parts, shape (k, a + b, 2), of those pairs of convex polygons that have one, and the numbers of these
     pairs, ascending: subjects (p, a, 2) of either orientation, windows (p, b, 2) counterclockwise.  A part with fewer
     corners ends with copies of its first one."""
@@ -43,11 +42,11 @@ def clipped(subject: FloatArray, window: FloatArray) -> tuple[FloatArray, npt.ND
     return np.concatenate(parts), np.concatenate(pairs)
 
 
-def _clip(subject: FloatArray, window: FloatArray) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+def _clip(subject: FloatArray, window: FloatArray) -> tuple[FloatArray, IntArray]:
     x, y = subject[:, :, 0], subject[:, :, 1]
     around = np.roll(window, -1, axis=1) - window
     least = _ON_LINE * np.max(np.einsum("psi,psi->ps", around, around), axis=1, initial=0.0)
-    left: npt.NDArray[np.int64] = np.arange(len(subject))
+    left: IntArray = np.arange(len(subject))
     sides = window.shape[1]
     for side in range(sides):
         from_x, from_y = window[left, side].T[:, :, None]
@@ -187,7 +186,7 @@ class Parts:
     area: FloatArray
     gap: FloatArray
 
-    def only(self, which: npt.NDArray[np.bool_]) -> Parts:
+    def only(self, which: BoolArray) -> Parts:
         return Parts(self.slave[which], self.master[which], self.polygon[which], self.area[which], self.gap[which])
 
 
@@ -288,7 +287,7 @@ def _slopes(vectors: FloatArray) -> FloatArray:
     return vectors * (1.0 + (np.linalg.norm(vectors, axis=1)[:, None] / 3.0) ** 4)
 
 
-def _before_points(parts: Parts, cells: Cells, face: FacetPatch, facet: IntArray) -> npt.NDArray[np.bool_]:
+def _before_points(parts: Parts, cells: Cells, face: FacetPatch, facet: IntArray) -> BoolArray:
     """Whether the parts have a point (`PROBES`) of one of these facets (p,), shape (p,)."""
     corners = face.x[:, face.kind.pieces]
     middle = corners.mean(axis=2, keepdims=True)
@@ -306,7 +305,7 @@ def _levels(
     away: FloatArray,
     slope: FloatArray,
     width: FloatArray,
-    seen: npt.NDArray[np.bool_],
+    seen: BoolArray,
     most: Most | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Distances (p,) between which parts on some facets (p,) are on the level of the nearest around them, by those of

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import BoolArray, FloatArray, IntArray
 from .facet_patch import STRAIGHT, FacetKind, FacetPatch, functions_at
 from .mortar_parts import Cells, Most, Parts, cells_of, common_parts, nearest_layer, nearest_sheets
 
@@ -59,10 +58,10 @@ class Segments:
     separation: FloatArray
     square: FloatArray
     at_corners: FloatArray
-    reached: npt.NDArray[np.bool_]
+    reached: BoolArray
     least: FloatArray
     share: FloatArray
-    doubled: npt.NDArray[np.bool_]
+    doubled: BoolArray
 
     @property
     def chord(self) -> FloatArray:
@@ -111,7 +110,7 @@ class _Integrals:
         own = slave.kind.polynomial_degree
         self._degree = own + max(own, master.kind.polynomial_degree)
 
-    def over(self, parts: Parts, share: FloatArray, doubled: npt.NDArray[np.bool_]) -> Segments:
+    def over(self, parts: Parts, share: FloatArray, doubled: BoolArray) -> Segments:
         """Sums over all parts; the other arguments as of `Segments`."""
         facets, n, m = len(self._slave), self._slave.kind.width, self._master.kind.width
         mass, vectors, least = np.zeros((facets, n, n)), np.zeros((facets, n, 7)), np.full(facets, np.inf)

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import BoolArray, FloatArray, Int32Array, IntArray
 from ...nearest import tree_of
 from ..bodies import DisplacementSpace
 from ..meshes import Exchange, fetched, owner_of, starts_of
@@ -84,9 +84,7 @@ class FaceSamples:
         off = np.abs(distance(self.corners.mean(axis=1)) - on_nodes.mean(axis=1))
         return np.where(np.max(np.abs(on_nodes), axis=1) <= _ON * off, np.maximum(self.chord, off), self.chord)
 
-    def least(
-        self, which: npt.NDArray[np.bool_], distance: Callable[[FloatArray], FloatArray], given: FloatArray
-    ) -> FloatArray:
+    def least(self, which: BoolArray, distance: Callable[[FloatArray], FloatArray], given: FloatArray) -> FloatArray:
         """The least in some facets, shape (f,), of a distance, a function of places (k, 3) after deformation, and what
         is given beside it at the corners of all facets, shape (all, c), linear between them; metres."""
         x, u = self.x[which], self.u[which]
@@ -110,7 +108,7 @@ class FaceSamples:
         return np.take_along_axis(values, best, axis=1)[:, 0]
 
 
-def face_samples(space: DisplacementSpace, facets: npt.NDArray[np.int32], u: FloatArray) -> FaceSamples:
+def face_samples(space: DisplacementSpace, facets: Int32Array, u: FloatArray) -> FaceSamples:
     """The facets of a face with displacements u (k, 3) of this rank's nodes in metres; collective."""
     patch, comm = facet_patch(space, facets), space.comm
     kind, starts = patch.kind, starts_of(comm, space.numbering.local)
@@ -317,7 +315,7 @@ def _before(near: FacetPatch, master: FacetPatch, rows: Rows, search: Search, co
     return there[np.argsort(there["key"])]
 
 
-def _meets(centre: FloatArray, around: FloatArray, cone: FloatArray, search: Search) -> npt.NDArray[np.bool_]:
+def _meets(centre: FloatArray, around: FloatArray, cone: FloatArray, search: Search) -> BoolArray:
     """Whether lines of a cone can meet spheres with these centres (..., 3) and radii (...).
 
     The lines begin within the cone's radius of its point, go `search.reach` along its axis or a direction that differs

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, IntArray, unit_vectors
+from ...arrays import BoolArray, FloatArray, IntArray, unit_vectors
 from ...nearest import tree_of
 from ..geometry import RigidFoundation, on_all_ranks
 from ..meshes import Exchange, fetched, owner_of
@@ -27,7 +27,6 @@ from .facet_patch import mean_normals
 from .facing import Facets
 from .facing import near as near_facets
 
-Flags = npt.NDArray[np.bool_]
 Rows = npt.NDArray[Any]
 
 _OF_DEFORMATION: Final = 0.5
@@ -132,14 +131,14 @@ class Surface:
         self._normals = np.column_stack([none, *map(self._normals_on, masters)])
         self._under = [[self._under_of(number, faces) for number in range(len(parts))] for faces in (slaves, masters)]
 
-    def _on(self, face: Face) -> Flags:
+    def _on(self, face: Face) -> BoolArray:
         """Which of this rank's nodes are on a face, shape (k,); collective."""
         part, facets = face
-        on: Flags = np.zeros(self._ends[-1], dtype=bool)
+        on: BoolArray = np.zeros(self._ends[-1], dtype=bool)
         on[self._ends[part] + self._parts[part].space.nodes_of(facets)] = True
         return on
 
-    def _under_of(self, number: int, faces: Sequence[Face]) -> Flags:
+    def _under_of(self, number: int, faces: Sequence[Face]) -> BoolArray:
         """Which of this rank's cells of a body are `BodyBoundary.under` each of these faces, shape (c, pairs)."""
         body = self._bodies[number]
         none = np.zeros(len(body.numbers), dtype=bool)
@@ -188,7 +187,7 @@ class Surface:
             obstacles: The rigid foundations.
             large: Whether bodies may have moved far: then relative motions count as at most the deformation.
         """
-        kept: Flags = np.zeros(self._slaves.shape, dtype=bool)
+        kept: BoolArray = np.zeros(self._slaves.shape, dtype=bool)
         for number, nodes in enumerate(judged):
             kept[nodes, number] = True
             part = self._sides[number].slave[0]
@@ -237,7 +236,7 @@ class Surface:
         depth, least, behind = self._depths(hits["was"], hits, vectors, now)
         if not np.any(np.isfinite(depth) & (depth >= _noticed(hits))):
             return None
-        kept: Flags = np.zeros(len(hits), dtype=bool)
+        kept: BoolArray = np.zeros(len(hits), dtype=bool)
         for part, hit, facet in behind:
             slave, master = sides_of(now[part].rows[facet])
             master |= self._beside_masters(part, facet)
@@ -288,7 +287,7 @@ class Surface:
         vectors[:, -1] = unit_vectors(vectors).sum(axis=1)
         return vectors
 
-    def _beside_masters(self, part: int, facet: IntArray) -> Flags:
+    def _beside_masters(self, part: int, facet: IntArray) -> BoolArray:
         """Of which pairs facets of this rank have nodes on the master and go on in its direction, so that contact
         points at the edge of the slave, partly before them, are judged there; shape (f, pairs); collective."""
         patch = self._bodies[part].patch
@@ -382,7 +381,7 @@ class Surface:
 
     # --- foundations --------------------------------------------------------------------------------------------------
 
-    def _stopped(self, component: IntArray, faces: Sequence[Face]) -> list[Flags]:
+    def _stopped(self, component: IntArray, faces: Sequence[Face]) -> list[BoolArray]:
         """Which of this rank's nodes the foundations of contact faces can stop: those of the face's component, and of
         those that pairs and ties join with it and that have no foundation themselves.  A plane has no end, where the
         machine stands that is beside; collective."""
@@ -400,10 +399,10 @@ class Surface:
             found.append(np.isin(component, list(one | reached.difference(*own))))
         return found
 
-    def _in_obstacle(self, points: Rows, one: Obstacle, stopped: Flags, large: bool) -> Overlap | None:
+    def _in_obstacle(self, points: Rows, one: Obstacle, stopped: BoolArray, large: bool) -> Overlap | None:
         """The largest overlap with a rigid foundation of what began outside of it, beside its contact face, of nodes
         that it can stop, shape (k,); None where it has no signed distance; collective."""
-        comm, rows, on = self._comm, (self._on(one.face) | ~stopped).astype(np.float64), list[Flags]()
+        comm, rows, on = self._comm, (self._on(one.face) | ~stopped).astype(np.float64), list[BoolArray]()
         for part in range(len(self._parts)):
             on.append(np.any(self._at(rows, part, points["nodes"][points["part"] == part]) > 0.0, axis=1))
         beside = points[~np.concatenate(on)]
@@ -439,21 +438,21 @@ def _once(hits: Rows) -> Rows:
     return hits[np.unique(_keys(hits), return_index=True)[1]]
 
 
-def _apart(points: Rows, numbers: IntArray, part: int) -> Flags:
+def _apart(points: Rows, numbers: IntArray, part: int) -> BoolArray:
     """Which points (p,) have no node in common with the cell or facet of a body of these numbers (p, n)."""
-    found: Flags = points["part"] != part
+    found: BoolArray = points["part"] != part
     mine = np.flatnonzero(~found)
     nodes = points["nodes"][mine]
     found[mine] = ~np.any(nodes[:, :, None] == numbers[mine, None], axis=(1, 2))
     return found
 
 
-def _edges(points: Rows) -> Flags:
+def _edges(points: Rows) -> BoolArray:
     """Which of nodes and edges are edges."""
     return np.asarray(points["nodes"][:, 0] != points["nodes"][:, 1])
 
 
-def _with_an_end_in(hits: Rows) -> Flags:
+def _with_an_end_in(hits: Rows) -> BoolArray:
     """Which of the hits are of edges of which a hit in the same component is an end, shape (h,)."""
     found, ends = np.zeros(len(hits), dtype=bool), hits.copy()
     ends["at"] = 0.5

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
 
-from ...arrays import FloatArray, unit_vectors
+from ...arrays import BoolArray, FloatArray, Int32Array, IntArray, unit_vectors
 from ...units import amount
 from ..bodies import Deformable, DisplacementSpace, HeldDirections, NonlinearBody, SingleBody
 from ..geometry import (
@@ -50,12 +50,12 @@ class Candidates(NamedTuple):
 
 def nodes_at_seams(
     contacts: Mapping[int, Candidates], pairs: Collection[int], count: int, size: float
-) -> dict[int, npt.NDArray[np.bool_]]:
+) -> dict[int, BoolArray]:
     """Which of `count` nodes every one of the `pairs` loses to another of the contacts, by their numbers: a node that
     touches several in the same direction, as at a seam, counts on a rigid foundation, else at the nearest master, of
     equally near ones (to a part of the largest coordinate, `size`) at that of the first pair; a node at an edge has a
     contact point in each."""
-    lost = dict[int, npt.NDArray[np.bool_]]()
+    lost = dict[int, BoolArray]()
     for number in pairs:
         own, gone = contacts[number], np.zeros(count, dtype=bool)
         for other, there in contacts.items():
@@ -114,7 +114,7 @@ def slave_side(elasticity: Deformable, face: str, against: str) -> tuple[str, st
     return (against, face, why) if exchanged else (face, against, why)
 
 
-def clamped_nodes(body: SingleBody, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
+def clamped_nodes(body: SingleBody, facets: Int32Array) -> IntArray:
     """This rank's nodes on facets that are held along the normal, or have no area; collective."""
     nodes, outward = body.nodes_of(facets), body.positive_weights(facets)[1]
     held = held_length(unit_vectors(outward[nodes]), body.held.projector_at(nodes))
@@ -158,7 +158,7 @@ _HELD_OPPOSITE: Final = 0.1
 """Part of the weight of the opposite nodes that must be held: those of the master's edge have a half and more."""
 
 
-def planes_of_symmetry(n: FloatArray, held: FloatArray, nodes: npt.NDArray[np.int64], patch: FacetPatch) -> FloatArray:
+def planes_of_symmetry(n: FloatArray, held: FloatArray, nodes: IntArray, patch: FacetPatch) -> FloatArray:
     """Projectors on the held directions across which a face ends, shape (m, 3, 3), 0 for other nodes; from unit normals
     n (m, 3), projectors on the held directions, numbers of nodes, and the facets around them."""
     across = np.linalg.norm(np.einsum("mij,mj->mi", held, n), axis=1)
@@ -188,9 +188,7 @@ def within(n: FloatArray, planes: FloatArray) -> FloatArray:
     return np.where(np.any(planes != 0.0, axis=(1, 2))[:, None], inside / length, n)
 
 
-def smooth_normals(
-    patch: FacetPatch, held: HeldDirections, starts: npt.NDArray[np.int64], comm: MPI.Comm
-) -> FloatArray:
+def smooth_normals(patch: FacetPatch, held: HeldDirections, starts: IntArray, comm: MPI.Comm) -> FloatArray:
     """`normals_at_nodes`, within the planes of symmetry on which the face ends, shape (f, n, 3); collective."""
     nodes, width = patch.nodes.ravel(), patch.kind.width
     n = normals_at_nodes(patch, starts, comm).reshape(-1, 3)
@@ -263,7 +261,7 @@ NO_SHAPE = Shape()
 def curved_patch(
     space: DisplacementSpace,
     held: HeldDirections,
-    facets: npt.NDArray[np.int32],
+    facets: Int32Array,
     surface: RigidFoundation | None,
     smooth: bool,
     what: str,
@@ -304,7 +302,7 @@ class Pair:
     gap: FloatArray
     held: FloatArray
     chord: FloatArray
-    elsewhere: npt.NDArray[np.int64]
+    elsewhere: IntArray
     remarks: tuple[str, ...] = ()
 
 
@@ -313,9 +311,9 @@ def pair_of(
     face: str,
     against: str,
     adjust: float = 0.0,
-    taken: npt.NDArray[np.bool_] | None = None,
+    taken: BoolArray | None = None,
     shape: Shape = NO_SHAPE,
-    still: npt.NDArray[np.bool_] | None = None,
+    still: BoolArray | None = None,
 ) -> Pair:
     """The geometry of a pair of a slave and a master face; collective.
 

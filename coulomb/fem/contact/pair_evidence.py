@@ -19,10 +19,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 
-from ...arrays import FloatArray, IntArray, rows_of, unit_vectors
+from ...arrays import BoolArray, FloatArray, IntArray, rows_of, unit_vectors
 from ...nearest import tree_of
 from ..geometry import RigidFoundation
 from .closest_points import (
@@ -469,7 +468,7 @@ class PairSamples:
 
 
 def _around(
-    nodes: IntArray, columns: IntArray, node: IntArray, bare: npt.NDArray[np.bool_]
+    nodes: IntArray, columns: IntArray, node: IntArray, bare: BoolArray
 ) -> tuple[IntArray, tuple[IntArray, IntArray]]:
     """The facets on which the functions of contact points depend, ascending: those around their nodes, and facets
     without any contact point beside these; and the pairs of such a facet, by its number among them, and a point."""

@@ -10,10 +10,9 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, is_number
+from ...arrays import BoolArray, FloatArray, IntArray, is_number
 from ..bodies import Deformable, GivenBolt, Section, Tie
 from ..geometry import Amplitude, Point, check_direction
 from .ties import Tied, tie_of
@@ -67,12 +66,12 @@ class Pretension(Tied, GivenBolt):
         if self.lock is not None and not is_number(self.lock, -np.inf):
             raise ValueError(f"{self.what}: lock must be a time, but is {self.lock!r}")
 
-    def joined(self, body: Deformable, taken: npt.NDArray[np.bool_]) -> Tie:
+    def joined(self, body: Deformable, taken: BoolArray) -> Tie:
         """The tie, with the section; collective; errors as of `section_of`."""
         return section_of(body, self, taken)
 
 
-def section_of(body: Deformable, given: Pretension, taken: npt.NDArray[np.bool_]) -> Tie:
+def section_of(body: Deformable, given: Pretension, taken: BoolArray) -> Tie:
     """The section of a bolt, of nodes that are in no tie (`taken`, (k,)); collective.
 
     Raises:
@@ -103,7 +102,7 @@ def section_of(body: Deformable, given: Pretension, taken: npt.NDArray[np.bool_]
     return replace(tie, own=own, bolt=Section(tie.face, given, centre, n, radius, rim, x[rim] - centre))
 
 
-def _outermost(r: FloatArray, n: FloatArray, radius: float, comm: MPI.Comm) -> npt.NDArray[np.int64]:
+def _outermost(r: FloatArray, n: FloatArray, radius: float, comm: MPI.Comm) -> IntArray:
     """Which of this rank's nodes, at r (m, 3) from the middle, are the farthest in one of 8 directions across n;
     collective."""
     across = np.cross(n, np.eye(3)[np.argmin(np.abs(n))])

@@ -15,11 +15,10 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import BoolArray, FloatArray, Int32Array, IntArray
 from .. import compat
 from ..bodies import DisplacementSpace
 from ..meshes import NamedMesh, boundary_facets
@@ -46,15 +45,15 @@ class TwoSides(NamedTuple):
     the largest penetration that can be told from the other surface of a wall; and whether any part is before another
     one, without which the second side is a single facet."""
 
-    first: npt.NDArray[np.int32]
-    second: npt.NDArray[np.int32]
+    first: Int32Array
+    second: Int32Array
     depth: float
     meet: bool
 
 
 def two_sides(
     mesh: NamedMesh,
-    face: npt.NDArray[np.int32],
+    face: Int32Array,
     u: FloatArray | None = None,
     depth: float | None = None,
 ) -> TwoSides:
@@ -106,9 +105,7 @@ def _neighbours(corners: IntArray) -> tuple[IntArray, IntArray]:
     return facet[order[both]], facet[order[both + 1]]
 
 
-def _first_side(
-    one: IntArray, other: IntArray, differ: npt.NDArray[np.bool_], places: FloatArray
-) -> npt.NDArray[np.bool_]:
+def _first_side(one: IntArray, other: IntArray, differ: BoolArray, places: FloatArray) -> BoolArray:
     """Which facets are on the first side, that of the one with the least of the `places` (f,) in each tree; by
     conditions between facets `one` and `other`, which come first in their order, and whether their sides differ."""
     count = len(places)

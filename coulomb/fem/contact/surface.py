@@ -12,7 +12,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ...arrays import FloatArray
+from ...arrays import BoolArray, FloatArray, Int32Array, IntArray
 from ...nearest import tree_of
 from ..bodies import Deformable, DisplacementSpace, at_nodes_of, rows_of
 from ..geometry import (
@@ -87,7 +87,7 @@ class ContactSurface:
     """
 
     faces: tuple[str, ...]
-    part: npt.NDArray[np.int64]
+    part: IntArray
     points: ContactPoints
     x: FloatArray
     frames: FloatArray
@@ -101,7 +101,7 @@ class ContactSurface:
     remarks: tuple[str, ...] = ()
 
     @property
-    def nodes(self) -> npt.NDArray[np.int32]:
+    def nodes(self) -> Int32Array:
         """The nodes that represent the contact points in the files, numbers among this rank's nodes, shape (m,)."""
         return self.points.nodes
 
@@ -110,7 +110,7 @@ class ContactSurface:
         """Integral of the points' hat functions over the face in m^2, shape (m,)."""
         return self.points.area
 
-    def places_among(self, nodes: npt.NDArray[np.integer[Any]], part: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    def places_among(self, nodes: npt.NDArray[np.integer[Any]], part: IntArray) -> IntArray:
         """`places_among` of its contact points among those of these nodes and contacts."""
         return places_among((self.nodes, self.part), (nodes, part))
 
@@ -140,7 +140,7 @@ class ContactSurface:
         return at_nodes_of(self.B, x)
 
     @property
-    def nodes_in_rows(self) -> npt.NDArray[np.int64]:
+    def nodes_in_rows(self) -> IntArray:
         """Global numbers of the nodes in the rows of this rank, ascending: also of nodes that these follow, and of
         unknowns of their own, which come after all nodes."""
         matrices = [self.B, self.free_B] if self.slip_prescribed else [self.B]
@@ -239,7 +239,7 @@ def contact_surface(
     H, along = body.held.projector_at(points.nodes), held_length(n, points.held(body.held))
     turned = away[points.nodes]
     free = free_lengths(points.of(member, elasticity), n, elasticity) > HELD_BELOW
-    keep: npt.NDArray[np.bool_] = free & ~turned
+    keep: BoolArray = free & ~turned
     free_length = np.sqrt(np.maximum(1.0 - along**2, 0.0))
     nearly = "is held at less than 0.6 degrees to the foundation's normal: hold it along the normal, or not"
     _refuse(keep & (free_length < _NEARLY_HELD), x, f"{what} {nearly}", comm)
@@ -265,7 +265,7 @@ def contact_surface(
     )
 
 
-def faces_away(slope: FloatArray, outward: FloatArray) -> npt.NDArray[np.bool_]:
+def faces_away(slope: FloatArray, outward: FloatArray) -> BoolArray:
     """Where a face cannot touch its foundation, since its normals (k, 3), of any length, are along the gradients of the
     signed distance (k, 3) or perpendicular to them, shape (k,)."""
     along = np.einsum("ki,ki->k", slope, outward)
@@ -410,7 +410,7 @@ def plane_of_face(face: str, x: FloatArray, area: FloatArray, outward: FloatArra
     return Plane(tuple(point), tuple(-normal))
 
 
-def _refuse(where: npt.NDArray[np.bool_], x: FloatArray, fault: str, comm: MPI.Comm) -> None:
+def _refuse(where: BoolArray, x: FloatArray, fault: str, comm: MPI.Comm) -> None:
     """ValueError on every rank, with the first such node x (k, 3), if a condition (k,) holds at one of any rank."""
 
     def check() -> None:

@@ -15,11 +15,10 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
 
-from ...arrays import FloatArray, IntArray, is_number, unit_vectors
+from ...arrays import BoolArray, FloatArray, IntArray, is_number, unit_vectors
 from ...units import amount
 from ..bodies import Deformable, Equation, LastingConstraint, Tie
 from ..geometry import Point, Turn, check_direction, check_point, on_all_ranks
@@ -78,7 +77,7 @@ class Tied(LastingConstraint):
         """The same, with the slave that a tie has; those that are no ties alone have a slave given."""
         return replace(self, face=tie.face, against=tie.against, slave=True) if type(self) is Tied else self
 
-    def joined(self, body: Deformable, taken: npt.NDArray[np.bool_]) -> Tie:
+    def joined(self, body: Deformable, taken: BoolArray) -> Tie:
         """The tie of nodes that are in no other (`taken`, (k,)); collective; errors as of `tie_of`."""
         return tie_of(body, self, taken)
 
@@ -165,7 +164,7 @@ class TiedRows:
 def tied_rows(
     slave: FacetPatch,
     master: FacetPatch,
-    left_out: npt.NDArray[np.bool_],
+    left_out: BoolArray,
     search: Search,
     most: Most | None = None,
 ) -> TiedRows:
@@ -262,7 +261,7 @@ def with_slaves(given: Iterable[Tied | Equation], made: Iterable[Tie]) -> list[T
     return [made_of(one) for one in given]
 
 
-def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
+def tie_of(body: Deformable, given: Tied, taken: BoolArray) -> Tie:
     """A tie of nodes that are not in another one (`taken`, (k,)); collective.
 
     Raises:
@@ -292,7 +291,7 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
         gone[on_both] = True
     search = near.search or Search(0.0, 0.0)
 
-    def tied(gone: npt.NDArray[np.bool_]) -> tuple[TiedRows, npt.NDArray[np.bool_], IntArray]:
+    def tied(gone: BoolArray) -> tuple[TiedRows, BoolArray, IntArray]:
         """The rows without the nodes that are gone; which of them are of nodes of this rank, and of which."""
         left_out = fetched(comm, starts, near.slave.numbers, gone)
         found = on_all_ranks(lambda: tied_rows(one, other, left_out, search, near.most), given.what, comm)
@@ -316,7 +315,7 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
     x = np.concatenate([places for *_, places, _ in parts])
     numbers = np.concatenate([body.numbers_of(member, numbers.astype(np.int64)) for _, numbers, _, member in parts])
 
-    def conducting(gone: npt.NDArray[np.bool_]) -> tuple[IntArray, scipy.sparse.csr_matrix]:
+    def conducting(gone: BoolArray) -> tuple[IntArray, scipy.sparse.csr_matrix]:
         gone = gone[slave.nodes].copy()
         gone[on_both] = True
         found, own, nodes = tied(gone)
@@ -392,7 +391,7 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
     )
 
 
-def _clamped(body: Deformable, face: str, taken: npt.NDArray[np.bool_]) -> int:
+def _clamped(body: Deformable, face: str, taken: BoolArray) -> int:
     """Number of nodes of a face that are held along all directions, or follow others already, over all ranks;
     collective."""
     member, facets = body.face(face, "tie")

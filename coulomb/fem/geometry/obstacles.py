@@ -22,9 +22,8 @@ from pathlib import Path
 from typing import Final, Protocol, cast, runtime_checkable
 
 import numpy as np
-import numpy.typing as npt
 
-from ...arrays import FloatArray, is_number
+from ...arrays import FloatArray, IntArray, is_number
 from ...load_curve import LoadCurve
 from .triangles import read_stl
 from .user_values import Amplitude, Motion, evaluate_amplitude, evaluate_motion
@@ -446,9 +445,7 @@ def spin(now: RigidMotion, before: RigidMotion | None, duration: float) -> Spin 
     return Spin(now.centre, now.turn.axis, now.turn.angle, angular_velocity)
 
 
-def since_at(
-    now: Sequence[RigidMotion], before: Sequence[RigidMotion], part: npt.NDArray[np.int64], x: FloatArray
-) -> FloatArray:
+def since_at(now: Sequence[RigidMotion], before: Sequence[RigidMotion], part: IntArray, x: FloatArray) -> FloatArray:
     """`RigidMotion.since` at contact points x (m, 3) of several faces, of which each is on `part` (m,)."""
     moved = np.zeros_like(x)
     for number, (here, then) in enumerate(zip(now, before, strict=True)):

@@ -8,9 +8,8 @@ from numbers import Real
 from typing import TYPE_CHECKING, Any, Final, TypeVar, cast
 
 import numpy as np
-import numpy.typing as npt
 
-from ...arrays import FloatArray, in_words, is_of_ufl, real_numbers, short
+from ...arrays import BoolArray, FloatArray, in_words, is_of_ufl, real_numbers, short
 from ...load_curve import LoadCurve
 
 if TYPE_CHECKING:
@@ -229,7 +228,7 @@ def _finite(values: FloatArray, x: FloatArray) -> FloatArray:
     return values
 
 
-def first_place(x: FloatArray, where: npt.NDArray[np.bool_]) -> str:
+def first_place(x: FloatArray, where: BoolArray) -> str:
     """Coordinates of the first of the points x (k, 3) where a condition (k,) holds, for a message."""
     place = x[np.argmax(where)]
     return in_words(np.where(np.abs(place) < 1e-12 * np.max(np.abs(x)), 0.0, place))

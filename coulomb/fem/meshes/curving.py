@@ -24,10 +24,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 
-from ...arrays import FloatArray, IntArray, unit_vectors
+from ...arrays import BoolArray, FloatArray, Int32Array, IntArray, unit_vectors
 from ...nearest import tree_of
 from .. import compat
 from .exchange import global_numbers, starts_of
@@ -75,9 +74,7 @@ def arcs(mesh: NamedMesh) -> tuple[IntArray, FloatArray]:
     return ends[first], _shortest(len(first), number, side, off.reshape(-1, 3))
 
 
-def _completed(
-    Na: FloatArray, Nb: FloatArray, d: FloatArray, creased: npt.NDArray[np.bool_]
-) -> tuple[FloatArray, FloatArray]:
+def _completed(Na: FloatArray, Nb: FloatArray, d: FloatArray, creased: BoolArray) -> tuple[FloatArray, FloatArray]:
     """The normals at both ends of edges d, shape (f, k, 3), with those at the ends of a surface as mirror images;
     `creased` are the corners at a crease, shape (f, k)."""
     along = unit_vectors(d)
@@ -129,7 +126,7 @@ _ROUNDS: Final = 5
 """Newton steps towards a surface, which double the number of digits: from a tenth of its radius to rounding errors."""
 
 
-def _own_boundary(domain: Any) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], IntArray]:
+def _own_boundary(domain: Any) -> tuple[Int32Array, Int32Array, IntArray]:
     """Boundary facets of this rank's own cells, these cells, and which of their sides the facets are, shapes (f,)."""
     for dims in ((2, 3), (3, 2)):
         domain.topology.create_connectivity(*dims)
@@ -174,7 +171,7 @@ def few_chords(mesh: NamedMesh) -> dict[str, float]:
     return found
 
 
-def _boundary(mesh: NamedMesh, facets: npt.NDArray[np.int32] | None = None) -> tuple[IntArray, FloatArray]:
+def _boundary(mesh: NamedMesh, facets: Int32Array | None = None) -> tuple[IntArray, FloatArray]:
     """Corners of facets on the boundary, by default of all, in cyclic order, with normals outwards, shape (f, 3 or 4),
     and their places, shape (f, 3 or 4, 3); the same on every rank; collective."""
     domain, comm = mesh.domain, mesh.comm

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-from ...arrays import IntArray, distinct, in_words
+from ...arrays import BoolArray, IntArray, distinct, in_words
 from ..mesh_formats import other_side
 from .lagrange import CORNERS, nodes_of_facets
 from .mesh_file import FACETS, MeshFile
@@ -98,7 +97,7 @@ def _graph(pairs: IntArray, count: int) -> scipy.sparse.csr_matrix:
     return scipy.sparse.csr_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (count, count))
 
 
-def _sides(across: IntArray, count: int) -> npt.NDArray[np.bool_]:
+def _sides(across: IntArray, count: int) -> BoolArray:
     """On which side of the cut each of the parts is, if each pair is on different ones, shape (count,)."""
     graph, side, seen = _graph(across, count), np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
     for start in range(count):

@@ -11,10 +11,9 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, IntArray, distinct, in_words
+from ...arrays import BoolArray, FloatArray, IntArray, distinct, in_words
 from .exchange import Exchange, even_starts, fetched, owner_of, starts_of
 from .lagrange import CORNERS, in_dolfinx_order, is_second_order, jacobians, nodes_of_facets, torn
 from .mesh_file import FACETS, MeshFile
@@ -111,7 +110,7 @@ class _Cells:
         if not comm.allreduce(bool(np.all(np.isfinite(self.x))), op=MPI.LAND):
             raise ValueError(f"{file.path}: has coordinates that are not finite")
 
-    def refuse(self, bad: npt.NDArray[np.bool_], fault: str) -> None:
+    def refuse(self, bad: BoolArray, fault: str) -> None:
         """Raises ValueError on every rank if a cell is bad on one; collective."""
         place = self.x[self.local[np.argmax(bad)]].mean(axis=0) if np.any(bad) else None
         seen = self.comm.allgather((int(bad.sum()), len(bad), place))
@@ -122,7 +121,7 @@ class _Cells:
             raise ValueError(f"{self.file.path}: {count} of {of} cells (first seen at x = {where}) {has} {fault}")
 
 
-def _jacobians(points: FloatArray, cells: IntArray) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+def _jacobians(points: FloatArray, cells: IntArray) -> tuple[BoolArray, BoolArray]:
     """Which cells are flat, and which change the sign of their Jacobian from node to node."""
     determinants, longest = jacobians(points[in_dolfinx_order(cells)])
     values = determinants / np.where(longest > 0.0, longest, 1.0) ** 3

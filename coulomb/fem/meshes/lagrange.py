@@ -6,10 +6,9 @@ import functools
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import BoolArray, FloatArray, Int32Array, IntArray
 from .. import compat
 from ..compat import basix, cpp, mesh
 from .exchange import Exchange
@@ -92,7 +91,7 @@ def jacobians(x: FloatArray) -> tuple[FloatArray, FloatArray]:
     return found[0], found[1]
 
 
-def torn(cells: IntArray, comm: MPI.Comm) -> npt.NDArray[np.bool_]:
+def torn(cells: IntArray, comm: MPI.Comm) -> BoolArray:
     """This rank's cells with a node in the middle of an edge or face where a neighbour has another one, or that is
     elsewhere in another cell; collective.  A wrong order of nodes shows here too."""
     corners = CORNERS[cells.shape[1]]
@@ -113,7 +112,7 @@ def torn(cells: IntArray, comm: MPI.Comm) -> npt.NDArray[np.bool_]:
     return found
 
 
-def _ambiguous(one: IntArray, other: IntArray, comm: MPI.Comm) -> npt.NDArray[np.bool_]:
+def _ambiguous(one: IntArray, other: IntArray, comm: MPI.Comm) -> BoolArray:
     """Where a row of `one` occurs with different rows of `other`; collective."""
     exchange = Exchange(comm, one.sum(axis=1) % comm.size)
     first, second = (np.unique(exchange.send(rows), axis=0, return_inverse=True)[1].ravel() for rows in (one, other))
@@ -126,7 +125,7 @@ def _kind(width: int) -> mesh.CellType:
     return mesh.CellType.tetrahedron if CORNERS[width] == 4 else mesh.CellType.hexahedron
 
 
-def corner_geometry(domain: Any) -> npt.NDArray[np.int32]:
+def corner_geometry(domain: Any) -> Int32Array:
     """Geometry nodes at the corners of every local cell, ghosts included, shape (cells, 4 or 8)."""
     return compat.cell_geometry(domain)[:, : len(lagrange_points(domain.topology.cell_type, 1))]
 
@@ -169,7 +168,7 @@ def corners_to_nodes(cell: Any) -> FloatArray:
 
 
 @functools.cache
-def facet_columns(cell: Any, degree: int) -> npt.NDArray[np.int64]:
+def facet_columns(cell: Any, degree: int) -> IntArray:
     """Columns of a cell's nodes that are on each of its facets, shape (facets, nodes of a facet): a facet's nodes in
     VTK's order, those of the cell and the facets themselves in DOLFINx's."""
     kind = {"tetrahedron": mesh.CellType.triangle, "hexahedron": mesh.CellType.quadrilateral}[cell.name]

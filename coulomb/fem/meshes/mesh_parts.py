@@ -7,12 +7,11 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from ...arrays import FloatArray, IntArray, distinct, in_words, rows_among
+from ...arrays import BoolArray, FloatArray, Int32Array, IntArray, distinct, in_words, rows_among
 from ...nearest import tree_of
 from .. import compat
 from ..compat import mesh
@@ -20,7 +19,7 @@ from .exchange import Exchange, Slabs, even_starts, fetched, owner_of
 from .lagrange import corner_geometry
 
 
-def local_facets(domain: Any, groups: Mapping[str, IntArray]) -> dict[str, npt.NDArray[np.int32]]:
+def local_facets(domain: Any, groups: Mapping[str, IntArray]) -> dict[str, Int32Array]:
     """Numbers of this rank's boundary facets of every group; collective.
 
     A group has a row for each facet, the sorted numbers of its points in the file, shape (k, corners); every rank gives
@@ -43,7 +42,7 @@ def local_facets(domain: Any, groups: Mapping[str, IntArray]) -> dict[str, npt.N
     return faces
 
 
-def local_cells(domain: Any, starts: IntArray, groups: Mapping[str, IntArray]) -> dict[str, npt.NDArray[np.int32]]:
+def local_cells(domain: Any, starts: IntArray, groups: Mapping[str, IntArray]) -> dict[str, Int32Array]:
     """This rank's own cells of every group; collective.
 
     Groups have numbers of cells in the order in which the mesh was given, of which every rank had those between its
@@ -53,15 +52,13 @@ def local_cells(domain: Any, starts: IntArray, groups: Mapping[str, IntArray]) -
     return _members(domain.comm, starts, groups, domain.topology.original_cell_index[:own])
 
 
-def local_nodes(domain: Any, starts: IntArray, groups: Mapping[str, IntArray]) -> dict[str, npt.NDArray[np.int32]]:
+def local_nodes(domain: Any, starts: IntArray, groups: Mapping[str, IntArray]) -> dict[str, Int32Array]:
     """The nodes of a mesh's geometry on this rank, ghosts included, of every group of points, as of `local_cells`;
     collective."""
     return _members(domain.comm, starts, groups, domain.geometry.input_global_indices)
 
 
-def _members(
-    comm: MPI.Comm, starts: IntArray, groups: Mapping[str, IntArray], numbers: Any
-) -> dict[str, npt.NDArray[np.int32]]:
+def _members(comm: MPI.Comm, starts: IntArray, groups: Mapping[str, IntArray], numbers: Any) -> dict[str, Int32Array]:
     """Where numbers (k,) of this rank are in every group, of which every rank gives some numbers; collective."""
     if not groups:
         return {}
@@ -73,14 +70,14 @@ def _members(
     return {name: np.flatnonzero(here[:, column]).astype(np.int32) for column, name in enumerate(groups)}
 
 
-def boundary_facets(domain: Any) -> npt.NDArray[np.int32]:
+def boundary_facets(domain: Any) -> Int32Array:
     """This rank's facets on the boundary of a mesh, ascending."""
     dim = domain.topology.dim
     domain.topology.create_connectivity(dim - 1, dim)
     return np.sort(mesh.exterior_facet_indices(domain.topology)).astype(np.int32)
 
 
-def corners_of(domain: Any, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
+def corners_of(domain: Any, facets: Int32Array) -> IntArray:
     topology = domain.topology
     for dim in ((2, 0), (3, 0)):
         topology.create_connectivity(*dim)
@@ -172,7 +169,7 @@ def _components(domain: Any, own: int) -> tuple[int, IntArray]:
     return int(parts), joined.astype(np.int64)[label]
 
 
-def _hinges(cells: IntArray, part: IntArray, comm: MPI.Comm) -> npt.NDArray[np.bool_]:
+def _hinges(cells: IntArray, part: IntArray, comm: MPI.Comm) -> BoolArray:
     """Which nodes of cells (c, n) several components share, although they share no facet; collective."""
     nodes, parts = cells.ravel(), np.repeat(part, cells.shape[1])
     rows = np.column_stack([nodes, parts])
@@ -208,7 +205,7 @@ def places(rows: IntArray, some: IntArray) -> IntArray:
     return first[number[len(rows) :]]
 
 
-def sets(count: int, groups: Mapping[str, IntArray]) -> tuple[IntArray, npt.NDArray[np.bool_]]:
+def sets(count: int, groups: Mapping[str, IntArray]) -> tuple[IntArray, BoolArray]:
     """Of so many things with groups of some, the number of the set of groups that each is in, shape (count,), and which
     groups are in each set, shape (sets, groups)."""
     member = np.zeros((count, len(groups)), dtype=bool)

@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, IntArray, in_words, is_number
+from ...arrays import FloatArray, Int32Array, IntArray, in_words, is_number
 from .. import compat, mesh_formats
 from ..compat import mesh
 from ..geometry import evaluate_vectors, same_on_all_ranks
@@ -151,7 +150,7 @@ def _at_points(domain: Any, values: IntArray) -> IntArray:
     return fetched(domain.comm, starts_of(domain.comm, len(values)), given, values)
 
 
-def _points(domain: Any, dofs: npt.NDArray[np.int32], owned: int) -> FloatArray:
+def _points(domain: Any, dofs: Int32Array, owned: int) -> FloatArray:
     """Places of this rank's own nodes, shape (owned, 3), the corners exactly those of the mesh."""
     weights = corners_to_nodes(domain.topology.cell_type)
     in_cells = np.einsum("nc,kci->kni", weights, domain.geometry.x[corner_geometry(domain)])

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, in_words, is_number, short
+from ...arrays import FloatArray, Int32Array, IntArray, in_words, is_number, short
 from ...nearest import tree_of
 from .. import compat
 from ..geometry import Point, RigidFoundation, RigidMotion, Rotation, Turn, check_point, evaluate_vectors, on_all_ranks
@@ -41,8 +41,8 @@ class Grid:
     """
 
     planes: Planes
-    slabs: npt.NDArray[np.int64]
-    corners: npt.NDArray[np.int64]
+    slabs: IntArray
+    corners: IntArray
     make: Callable[[Planes], NamedMesh]
 
 
@@ -76,8 +76,8 @@ class NamedMesh:
     """
 
     domain: Any
-    faces: dict[str, npt.NDArray[np.int32]] = field(default_factory=dict)
-    cells: dict[str, npt.NDArray[np.int32]] = field(default_factory=dict)
+    faces: dict[str, Int32Array] = field(default_factory=dict)
+    cells: dict[str, Int32Array] = field(default_factory=dict)
     refused: dict[str, str] = field(default_factory=dict)
     components: int = 1
     touching: FloatArray = field(default_factory=lambda: np.empty((0, 3)), repr=False)
@@ -85,8 +85,8 @@ class NamedMesh:
     grid: Grid | None = field(default=None, repr=False, compare=False)
     curved: RigidFoundation | None = field(default=None, repr=False, compare=False)
     surfaces: Mapping[str, RigidFoundation] = field(default_factory=dict, repr=False, compare=False)
-    node_sets: Mapping[str, npt.NDArray[np.int32]] = field(default_factory=dict)
-    node_numbers: npt.NDArray[np.int64] | None = field(default=None, repr=False, compare=False)
+    node_sets: Mapping[str, Int32Array] = field(default_factory=dict)
+    node_numbers: IntArray | None = field(default=None, repr=False, compare=False)
     file: str = field(default="", repr=False, compare=False)
     slice: Slice | None = field(default=None, repr=False)
 
@@ -140,13 +140,13 @@ class NamedMesh:
         """Whether the cells are tetrahedra."""
         return bool(self.domain.topology.cell_type.name == "tetrahedron")
 
-    def facets(self, face: str, what: str) -> npt.NDArray[np.int32]:
+    def facets(self, face: str, what: str) -> Int32Array:
         """This rank's facets of a face; ValueError, beginning with `what`, if there is none."""
         if isinstance(face, str) and face in self.refused:
             raise ValueError(f"{what}: {self.refused[face]}")
         return _named(self.faces, face, what, "face", self.file)
 
-    def group(self, cells: str, what: str) -> npt.NDArray[np.int32]:
+    def group(self, cells: str, what: str) -> Int32Array:
         """This rank's own cells of a group; ValueError, beginning with `what`, if there is none."""
         return _named(self.cells, cells, what, "cell group", self.file)
 
@@ -229,9 +229,7 @@ def _none(kind: str, file: str) -> str:
     return f"{file or 'it'} has no {kind}s{f': write {lines[kind]}' if kind in lines else ''}"
 
 
-def _named(
-    groups: dict[str, npt.NDArray[np.int32]], name: str, what: str, kind: str, file: str
-) -> npt.NDArray[np.int32]:
+def _named(groups: dict[str, Int32Array], name: str, what: str, kind: str, file: str) -> Int32Array:
     if not isinstance(name, str):
         names = (
             ": facets get names with the mesh: NamedMesh(domain, {'sole': (facet_tags, 1), 'top': lambda x: "
@@ -371,21 +369,21 @@ class JoinedMesh:
         return next(iter(self.bodies.values())).comm
 
     @property
-    def faces(self) -> dict[str, npt.NDArray[np.int32]]:
+    def faces(self) -> dict[str, Int32Array]:
         """This rank's boundary facets of each face by its name, as "lower:top"; facet numbers of its body's mesh."""
         return {_joined(body, name): one for body, mesh in self.bodies.items() for name, one in mesh.faces.items()}
 
     @property
-    def cells(self) -> dict[str, npt.NDArray[np.int32]]:
+    def cells(self) -> dict[str, Int32Array]:
         """This rank's own cells of each group by its name, as "lower:steel"; cell numbers of its body's mesh."""
         return {_joined(body, name): one for body, mesh in self.bodies.items() for name, one in mesh.cells.items()}
 
-    def facets(self, face: str, what: str) -> npt.NDArray[np.int32]:
+    def facets(self, face: str, what: str) -> Int32Array:
         """This rank's facets of a face, numbers of its body's mesh; errors as of `split`."""
         body, name = self.split(face, what)
         return self.bodies[body].facets(name, what)
 
-    def group(self, cells: str, what: str) -> npt.NDArray[np.int32]:
+    def group(self, cells: str, what: str) -> Int32Array:
         """This rank's own cells of a group, numbers of its body's mesh; errors as of `split`."""
         body, name = self.split_group(cells, what)
         return self.bodies[body].cells[name]

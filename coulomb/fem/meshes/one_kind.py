@@ -14,9 +14,8 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from ...arrays import FloatArray, IntArray, distinct, rows_among
+from ...arrays import BoolArray, FloatArray, IntArray, distinct, rows_among
 from ...decks.geometry import CORNERS, SIDES
 from .lagrange import nodes_between
 from .mesh_file import MeshFile
@@ -53,7 +52,7 @@ class OneKind:
     source: IntArray
     middles: list[tuple[IntArray, IntArray]] = field(default_factory=list)
     split: bool = False
-    used: npt.NDArray[np.bool_] | None = None
+    used: BoolArray | None = None
 
     def facets(self, corners: IntArray) -> IntArray:
         """Corners of facets (k, 3 or 4), as those of `cells` are; without those of cells that were not chosen."""

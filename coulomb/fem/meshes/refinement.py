@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, IntArray, distinct
+from ...arrays import BoolArray, FloatArray, IntArray, distinct
 from .. import compat
 from ..compat import basix
 from ..geometry import on_all_ranks
@@ -71,7 +71,7 @@ def refined(mesh: NamedMesh, marked: npt.NDArray[Any] | None = None, curved: boo
     return found
 
 
-def _chosen(marked: npt.NDArray[Any] | None, own: int) -> npt.NDArray[np.bool_]:
+def _chosen(marked: npt.NDArray[Any] | None, own: int) -> BoolArray:
     found = np.full(own, marked is None)
     if marked is None:
         return found
@@ -99,7 +99,7 @@ _AROUND = _EDGE_OF[_TRIANGLES, np.roll(_TRIANGLES, 1, axis=1)]
 """The edges around each triangle of a tetrahedron, shape (4, 3)."""
 
 
-def _order_of_divided(domain: Any, marked: npt.NDArray[np.bool_]) -> IntArray:
+def _order_of_divided(domain: Any, marked: BoolArray) -> IntArray:
     """Whole numbers for the six edges of this rank's own tetrahedra: larger for longer edges, on all ranks in the same
     order; -1 where an edge is not divided.  Collective."""
     comm, topology, own = domain.comm, domain.topology, len(marked)
@@ -121,7 +121,7 @@ def _order_of_divided(domain: Any, marked: npt.NDArray[np.bool_]) -> IntArray:
     of_cell = of_cell[:own]
     triangles = of_cell[:, _AROUND]
     longest = np.take_along_axis(triangles, np.argmax(order[triangles], axis=2)[..., None], axis=2)[..., 0]
-    divided: npt.NDArray[np.bool_] = np.zeros(len(number), dtype=bool)
+    divided: BoolArray = np.zeros(len(number), dtype=bool)
     divided[of_cell[marked]] = True
     owners = Exchange(comm, owner_of(starts, number))
     at = owners.send(number) - starts[comm.rank]

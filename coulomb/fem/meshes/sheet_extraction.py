@@ -16,11 +16,10 @@ import math
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from ...arrays import FloatArray, IntArray, unit_vectors
+from ...arrays import BoolArray, FloatArray, IntArray, unit_vectors
 from .curving import CREASE
 from .inspection import InspectedMesh
 from .mesh_file import FACETS
@@ -38,8 +37,6 @@ LONGEST: Final = 2.5
 SEEN: Final = 0.7
 """Least part of the cells, over the three directions, that becomes coarser.  Where a body is one cell thick, two thirds
 do, and the error that this causes is not seen."""
-
-Mask = npt.NDArray[np.bool_]
 
 _ACROSS = np.array(
     [[[0, 1], [3, 2], [4, 5], [7, 6]], [[0, 3], [1, 2], [4, 7], [5, 6]], [[0, 4], [1, 5], [2, 6], [3, 7]]]
@@ -71,7 +68,7 @@ def extract_sheets(mesh: InspectedMesh, again: bool = False) -> InspectedMesh:
     of_node, of_edge, free, normal = _patches(mesh, ends)
     length = _length(x, ends)
     by_sheet = np.split(np.argsort(sheet, kind="stable"), np.cumsum(np.bincount(sheet))[:-1])
-    seen: Mask = np.zeros(len(by_sheet), dtype=bool)
+    seen: BoolArray = np.zeros(len(by_sheet), dtype=bool)
     merged, alive = np.arange(len(x)), np.ones(len(cells), dtype=bool)  # node in place of each, cells that are left
     for number in _inwards(ends, of_cell, sheet, of_node[ends] == of_edge[:, None]):
         across = by_sheet[number]
@@ -121,7 +118,7 @@ def _sheets(cells: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     return ends, of_cell, np.argsort(np.argsort(at))[sheet]
 
 
-def _inwards(ends: IntArray, of_cell: IntArray, sheet: IntArray, moves: Mask) -> IntArray:
+def _inwards(ends: IntArray, of_cell: IntArray, sheet: IntArray, moves: BoolArray) -> IntArray:
     """The sheets in the order in which they are looked at: first those at the boundary, where one end alone of an edge
     across them may move, then those beside them, and so on.  Without each second one no single sheet stays there, where
     contact begins and bodies are held."""
@@ -140,7 +137,7 @@ def _inwards(ends: IntArray, of_cell: IntArray, sheet: IntArray, moves: Mask) ->
     return np.argsort(depth, kind="stable")
 
 
-def _patches(mesh: InspectedMesh, ends: IntArray) -> tuple[IntArray, IntArray, Mask, FloatArray]:
+def _patches(mesh: InspectedMesh, ends: IntArray) -> tuple[IntArray, IntArray, BoolArray, FloatArray]:
     """On how many patches every node is, many for those that must not move, and every edge; which nodes may be moved to
     other places, in the body and on plane patches, and the normals of these, shape (nodes, 3), otherwise 0."""
     x, cells = mesh.points, mesh.cells
@@ -210,7 +207,9 @@ def _growth(x: FloatArray, before: IntArray, after: IntArray, length: FloatArray
     return float(_length(x, after[longer]).sum() / max(length[longer].sum(), 1e-300))
 
 
-def _untangled(x: FloatArray, cells: IntArray, changed: Mask, free: Mask, normal: FloatArray) -> FloatArray | None:
+def _untangled(
+    x: FloatArray, cells: IntArray, changed: BoolArray, free: BoolArray, normal: FloatArray
+) -> FloatArray | None:
     """Places of the nodes (nodes, 3) with which cells are not flatter than LEAST_JACOBIAN: free ones of flatter cells
     are moved to the mean of their neighbours; None if that is not enough.
 
@@ -246,7 +245,7 @@ def _scaled_jacobians(x: FloatArray, cells: IntArray) -> FloatArray:
     return np.linalg.det(edges) / np.maximum(np.prod(np.linalg.norm(edges, axis=3), axis=2), 1e-300)
 
 
-def _made(mesh: InspectedMesh, x: FloatArray, cells: IntArray, merged: IntArray, alive: Mask) -> InspectedMesh:
+def _made(mesh: InspectedMesh, x: FloatArray, cells: IntArray, merged: IntArray, alive: BoolArray) -> InspectedMesh:
     """The mesh of the cells that are left, with the faces and groups of the mesh that it was."""
     nodes = np.unique(cells)
     number = np.full(len(x), -1)

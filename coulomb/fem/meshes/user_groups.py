@@ -10,12 +10,13 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from ...arrays import Int32Array
 from .. import compat
 from ..compat import mesh
 from ..geometry import on_all_ranks
 from .mesh_parts import boundary_facets
 
-Groups = dict[str, npt.NDArray[np.int32]]
+Groups = dict[str, Int32Array]
 """Numbers of facets or cells of this rank, by name."""
 
 _HOW = (
@@ -127,7 +128,7 @@ def _values(tags: Any, comm: MPI.Comm) -> list[int]:
     return sorted(set().union(*comm.allgather({int(value) for value in np.unique(tags.values)})))
 
 
-def _facets(domain: Any, given: Any) -> npt.NDArray[np.int32]:
+def _facets(domain: Any, given: Any) -> Int32Array:
     """Facets that this rank owns, ascending."""
     if isinstance(given, tuple):
         if hasattr(given, "tag") and hasattr(given, "dim"):

@@ -12,9 +12,9 @@ from typing import Any, Final
 
 import matplotlib
 import numpy as np
-import numpy.typing as npt
 from matplotlib.ticker import NullLocator
 
+from ...arrays import IntArray
 from ...contact_fields import normal_forces
 from ...units import scale_of
 from .fields import ZONES, zone_counts
@@ -491,6 +491,6 @@ def _svg(figure: Any, title: str) -> str:
     return first + "".join(others)
 
 
-def subsampled(count: int, most: int) -> npt.NDArray[np.int64]:
+def subsampled(count: int, most: int) -> IntArray:
     """At most `most` of `count` numbers, evenly spaced."""
     return np.arange(0, count, max(1, -(-count // most)))

@@ -8,9 +8,8 @@ from typing import Final, Literal, NamedTuple
 
 import matplotlib
 import numpy as np
-import numpy.typing as npt
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, IntArray
 from ...contact_fields import AGAINST, CONTACT_FIELDS
 from ...io.field_files import OPPOSITE, Grid
 from .files import Run
@@ -230,7 +229,7 @@ def limits_of(run: Run, field: Field) -> Limits:
     return Limits(low, high, least, tuple(ends.tolist()), tuple(names))
 
 
-def _contacts(grid: Grid) -> npt.NDArray[np.int64]:
+def _contacts(grid: Grid) -> IntArray:
     """Number of the contact at every point of the contact faces, on faces opposite that of the pair."""
     numbers = np.asarray(grid.fields["face"])
     if OPPOSITE in grid.fields:

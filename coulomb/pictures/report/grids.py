@@ -10,9 +10,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
-from ...arrays import FloatArray
+from ...arrays import BoolArray, FloatArray, IntArray
 from ...contact_fields import AGAINST
 from ...io.field_files import NODE, OPPOSITE, WHOLE, Block, Grid
 from ...nearest import in_a_cell, same_nodes, tree_of
@@ -67,7 +66,7 @@ def blocks_of(grid: Grid) -> tuple[Block, ...]:
     return grid.blocks or (whole,)
 
 
-def contact_points(contact: Grid) -> npt.NDArray[np.bool_]:
+def contact_points(contact: Grid) -> BoolArray:
     """Which nodes of the contact faces have contact conditions, shape (n,): on cut quadratic triangles the vertices,
     and none on faces opposite in pairs."""
     if OPPOSITE in contact.fields:
@@ -156,13 +155,13 @@ def body_of(name: str) -> str:
     return body if colon else ""
 
 
-def opposite(contact: Grid) -> npt.NDArray[np.bool_]:
+def opposite(contact: Grid) -> BoolArray:
     """Which points are on faces opposite in pairs, shape (n,)."""
     of = np.asarray(contact.fields.get(OPPOSITE, np.full(len(contact.points), -1.0)))
     return np.asarray(of >= 0.0)
 
 
-def have_partner(contact: Grid) -> npt.NDArray[np.bool_]:
+def have_partner(contact: Grid) -> BoolArray:
     """Which points have a partner, a foundation or a face opposite, shape (n,): all but those with the status held."""
     return np.asarray(np.round(contact.fields["status"]) != _ELSEWHERE["status"])
 
@@ -183,7 +182,7 @@ def outward(contact: Grid) -> FloatArray:
     return np.asarray(mean / length, dtype=np.float64)
 
 
-def nodes_in_body(contact: Grid, body: Grid) -> npt.NDArray[np.int64]:
+def nodes_in_body(contact: Grid, body: Grid) -> IntArray:
     """The node of its own body at every point of the contact faces, shape (n,): bodies touch at coincident nodes.
     Without the numbers of the nodes, or if the body is none (`Step`), the nearest of this body."""
     of_body, everywhere = {one.name: one.points for one in body.blocks}, slice(0, len(body.points))
@@ -197,7 +196,7 @@ def nodes_in_body(contact: Grid, body: Grid) -> npt.NDArray[np.int64]:
     return found
 
 
-def nodes_of(one: Grid, other: Grid) -> npt.NDArray[np.int64]:
+def nodes_of(one: Grid, other: Grid) -> IntArray:
     """The points of a grid in another state, `other`, that are the points of `one` (k, 3): nodes may be in another
     order.  Those of a block are in the block of the same name."""
     there = {block.name: block for block in blocks_of(other)}
@@ -257,15 +256,13 @@ def _shifts(body: Grid, contact: Grid) -> dict[str, FloatArray]:
     return {name: shifts[k] for name, k in number.items()}
 
 
-def _on_face(contact: Grid, block: Block, number: float) -> npt.NDArray[np.bool_]:
+def _on_face(contact: Grid, block: Block, number: float) -> BoolArray:
     """Which points of a block are on the face of the contact of this number, not on that opposite."""
     on, of = (contact.fields[name][block.points] for name in ("face", OPPOSITE))
     return np.asarray((of < 0.0) & (on == number))
 
 
-def _way_out(
-    contact: Grid, nodes: npt.NDArray[np.int64], face: FloatArray, staying: FloatArray, body: FloatArray
-) -> FloatArray:
+def _way_out(contact: Grid, nodes: IntArray, face: FloatArray, staying: FloatArray, body: FloatArray) -> FloatArray:
     """How a body is drawn apart from a face, metres, (3,): `nodes` of the contact faces are opposite to it; `face` are
     the points (p, 3) of its own face, `staying` (j, 3) and `body` (k, 3) the nodes of both bodies."""
     normals, area = contact.fields["normal"][nodes], contact.fields["area"][nodes]
@@ -294,13 +291,13 @@ def renderer() -> Any:
     return pyvista
 
 
-def polygons(cells: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def polygons(cells: IntArray) -> IntArray:
     """Cells (k, corners) in VTK's format: the number of corners, then the corners; repeated last ones are left out."""
     count = corners_in(cells)
     return np.column_stack([count, cells])[np.arange(cells.shape[1] + 1) <= count[:, None]]
 
 
-def corners_in(cells: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def corners_in(cells: IntArray) -> IntArray:
     """Number of corners of every cell (k, corners): cells with fewer than others repeat their last one."""
     repeated = np.cumprod((cells[:, :0:-1] == cells[:, -2::-1]), axis=1).sum(axis=1)
     return cells.shape[1] - np.asarray(repeated, dtype=np.int64)
@@ -315,7 +312,7 @@ def skin_of(body: Grid, points: FloatArray) -> Any:
     return solid.extract_surface(algorithm=None)
 
 
-def without(skin: Any, facets: npt.NDArray[np.int64]) -> Any:
+def without(skin: Any, facets: IntArray) -> Any:
     """The skin without the facets that have the nodes of one of these, shape (f, corners)."""
     taken, node = {frozenset(map(int, facet)) for facet in facets}, np.asarray(skin.point_data["node"])
     return skin.extract_cells(
@@ -323,7 +320,7 @@ def without(skin: Any, facets: npt.NDArray[np.int64]) -> Any:
     )
 
 
-def patches(cells: npt.NDArray[np.int64], points: FloatArray) -> Any:
+def patches(cells: IntArray, points: FloatArray) -> Any:
     """The surface in pieces, one for each corner of every facet: what is nearest to that corner, the `node` of its
     cell data."""
     count, pieces, nodes = corners_in(cells), [], []
