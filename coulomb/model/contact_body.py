@@ -378,14 +378,11 @@ class ContactBody:
         """The gaps given with the contacts at the points of a surface at a time, metres, shape (m,); collective."""
         return self._faces.gap_factors(time)[surface.part] * surface.gap_field
 
-    def foundation_displacement(self, state: ContactState, before: State) -> FloatArray:
-        """Displacement of the foundations' surfaces in a load step at the contact points, by rigid motion and by
-        changing gaps, metres, shape (m, 3); collective."""
-        surface, then = state.surface, self.foundation_motions(before.time, before.poses)
-        moved = since_at(state.foundation_motions, then, surface.part, surface.x)
-        closed = self.given_gap(surface, state.time) - self.given_gap(surface, before.time)
-        moved += closed[:, None] * surface.frames[:, 0]
-        return moved
+    def foundation_displacement(self, state: ContactState, before: State, x: FloatArray) -> FloatArray:
+        """Displacement of the foundations in a load step at places x (m, 3) of the contact points, metres, shape
+        (m, 3)."""
+        then = self.foundation_motions(before.time, before.poses)
+        return since_at(state.foundation_motions, then, state.surface.part, x)
 
     def surface(
         self, motions: Sequence[RigidMotion], time: float, elasticity: Deformable | None = None

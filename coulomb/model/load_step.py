@@ -128,11 +128,16 @@ def ended(
         whole[at] = values
         return whole
 
-    moved = problem.body.foundation_displacement(problem.state, state)
-    widened = answer.given_gap - problem.body.given_gap(problem.surface, state.time)
+    surface, large = problem.surface, problem.body.undeformed is not None
+    change = now.displacement - then.displacement
+    x_then = surface.x - surface.points.average(change) if large else surface.x
+    moved_then, moved = (problem.body.foundation_displacement(problem.state, state, x) for x in (x_then, surface.x))
+    widened = answer.given_gap - problem.body.given_gap(surface, state.time)
+    approach = surface.rows(change)[:, 0] - surface.components(0.5 * (moved_then + moved))[:, 0]
     strength = np.linalg.norm(state.force_on_body[at], axis=1)
-    moved = _while_touching(moved, widened, answer, strength <= OPEN_BELOW * over.max(strength))
-    foundation = 0.5 * over.dot(state.force_on_body[at] + on_body, moved)
+    opened = strength <= OPEN_BELOW * over.max(strength)
+    also = _by_given_gaps(widened, approach, answer, opened)
+    foundation = 0.5 * (over.dot(state.force_on_body[at], moved_then + also) + over.dot(on_body, moved + also))
     dissipated = over.sum(answer.friction_work)
     energy = state.energy.after(then, now, foundation, dissipated, over, stiffened)
     rate = np.linalg.norm(answer.slip, axis=1) / (problem.time - state.time)
@@ -157,24 +162,24 @@ def ended(
     )
 
 
-def _while_touching(moved: FloatArray, widened: FloatArray, answer: NodalAnswer, opened: BoolArray) -> FloatArray:
-    """Of the displacement of what the body touches (m, 3) the part along which contact forces do work.
+def _by_given_gaps(widened: FloatArray, approach: FloatArray, answer: NodalAnswer, opened: BoolArray) -> FloatArray:
+    """What changes of given gaps add to the displacement of what the body touches, along which contact forces do work,
+    metres, shape (m, 3).
 
     Where a given gap becomes wider than the body follows, as of a pair that is taken out, it works along the way of the
     body alone, while the force falls to 0; where one from afar is closed, after it touches.
 
     Args:
-        moved: The displacement, metres, shape (m, 3).
-        widened: The part of it along n that changes of given gaps are, shape (m,).
+        widened: By how much given gaps have grown in the step, metres, shape (m,).
+        approach: By how much contact points have come nearer to what they may touch but for these, shape (m,).
         answer: At the end.
         opened: Points without a force at the beginning, shape (m,); of the others the gap there is a rounding error.
     """
-    normal = answer.frames[:, 0]
     after = answer.gap - answer.displacement[:, 0]
-    before = after + answer.displacement[:, 0] - answer.slip_origin[:, 0] - widened
+    before = after + approach - widened
     away = (answer.status == OPEN) & (after > 0.0) & (widened >= after)
     towards = opened & (before > 0.0) & (widened <= -before)
-    way = np.where((away | towards)[:, None], moved + (before - after)[:, None] * normal, moved)
+    way = np.where(away | towards, widened + before - after, widened)[:, None] * answer.frames[:, 0]
     return np.where(away[:, None], way + answer.slip, way)
 
 

@@ -12,6 +12,7 @@ from coulomb import (
     NeoHookean,
     Plane,
     PrescribedDisplacement,
+    Rotation,
     box,
     join,
     moved,
@@ -45,6 +46,25 @@ def test_jaws_lift_an_object():
         assert totals["force"][1:] == pytest.approx([0.0, 0.5 * weight], abs=1e-6 * weight)
         assert totals["normal_force"] * friction >= 0.5 * weight
     assert lifted.displacement - held.displacement == pytest.approx(np.tile([0.0, 0.0, raised], (27, 1)), abs=1e-9)
+
+
+@pytest.mark.parametrize("by", ["motion", "gap"])
+def test_jaws_that_close_and_turn_do_the_work_of_closing(by):
+    """Whether the jaws come nearer or a given gap does; turned with the object, even at once, they do no work."""
+    closed, ramp = 0.005, [(0.0, 0.0), (1.0, 1.0)]
+    turn = Rotation((0.05, 0.05, 0.05), (0.0, 1.0, 0.0), lambda time: max(time - 1.0, 0.0))
+    walls = Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), Plane((0.1, 0.0, 0.0), (-1.0, 0.0, 0.0))
+    jaws = [
+        Contact(face, 0.4, foundation=wall, gap=-closed, gap_amplitude=ramp, rotation=turn)
+        if by == "gap"
+        else Contact(face, 0.4, foundation=wall, motion=[(0.0, 0.0, 0.0, 0.0), (1.0, way, 0.0, 0.0)])
+        for face, wall, way in zip(("left", "right"), walls, (closed, -closed), strict=True)
+    ]
+    problem = ContactProblem(box((0.1, 0.1, 0.1), (2, 2, 2)), RUBBER, [], jaws, kinematics="large")
+    half, whole, turned = (step.state.energy for step in LoadHistory([0.5, 1.0, 2.0]).steps(problem))
+    assert half.foundation > 0.0 and abs(whole.imbalance) < 0.01 * whole.foundation
+    assert turned.foundation == pytest.approx(whole.foundation, rel=1e-9)
+    assert turned.imbalance == pytest.approx(whole.imbalance, abs=1e-9 * whole.foundation)
 
 
 def test_a_start_without_forces_is_none():
