@@ -87,5 +87,4 @@ def values_of(parameter: Any) -> FloatArray:
     if not hasattr(parameter, "function_space"):
         return np.asarray(parameter, dtype=np.float64)
     dofs = parameter.function_space.dofmap
-    owned: FloatArray = parameter.x.array[: dofs.index_map.size_local * dofs.index_map_bs]
-    return owned
+    return parameter.x.array[: dofs.index_map.size_local * dofs.index_map_bs]

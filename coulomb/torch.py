@@ -55,7 +55,6 @@ def solver(pose: Pose, owed: Owed, like: Any, tolerance: float = 1e-10) -> Calla
 
     def solve(*parameters: Any) -> tuple[Any, Any]:
         given = (torch.as_tensor(one, dtype=torch.float64, device="cpu") for one in parameters)
-        found: tuple[Any, Any] = Answer.apply(*given)
-        return found
+        return Answer.apply(*given)
 
     return solve

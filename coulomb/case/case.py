@@ -213,7 +213,7 @@ class Case(Table):
             )
         regions = {f"{key}.region.{k}": region for key, t in self.contacts.items() for k, region in enumerate(t.region)}
         for key, region in regions.items():
-            if not comm.allreduce(int(np.sum(region.holds(problem.surface.x.T))), op=MPI.SUM):
+            if not comm.allreduce(int(np.sum(region.holds(problem.surface.x.T)))):
                 raise ValueError(f"{key}: there is no contact node in its box {list(region.box)}")
         return problem
 

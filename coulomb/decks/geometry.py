@@ -437,8 +437,7 @@ class Geometry:
             (np.ones(len(nodes), dtype=np.int8), (cells, total + nodes)), shape=(total + len(self.tags),) * 2
         )
         label = connected_components(graph, directed=False)[1][:total]
-        number: IntArray = np.unique(label, return_inverse=True)[1].astype(np.int64)
-        return number
+        return np.unique(label, return_inverse=True)[1].astype(np.int64)
 
     def on_sides(self, card: Card) -> Iterator[tuple[str, tuple[float, ...], list[tuple[int | str, str]]]]:
         """What a *DLOAD, *FILM or *DFLUX card puts on sides of elements: the name of the face of each, the values, and
@@ -475,10 +474,7 @@ def _turn(axis: FloatArray, angle: float) -> FloatArray:
     """The matrix of a rotation about an axis, right-handed."""
     unit = axis / np.linalg.norm(axis)
     cross = np.cross(np.eye(3), unit)
-    turn: FloatArray = (
-        np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * (np.outer(unit, unit) - np.eye(3))
-    )
-    return turn
+    return np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * (np.outer(unit, unit) - np.eye(3))
 
 
 _KEPT: dict[tuple[str, int, int], Geometry] = {}

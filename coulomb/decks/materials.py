@@ -183,5 +183,4 @@ def axes_at(frame: Card, x: FloatArray) -> FloatArray:
         third = np.cross(a, b)
         rows = np.array([a, np.cross(third, a), third])
     sizes = np.linalg.norm(rows, axis=1, keepdims=True)
-    unit: FloatArray = rows / np.where(sizes > 0.0, sizes, 1.0)
-    return unit
+    return rows / np.where(sizes > 0.0, sizes, 1.0)

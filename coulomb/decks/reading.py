@@ -48,14 +48,12 @@ class Reading:
     @cached_property
     def all_elements(self) -> IntArray:
         """Numbers of the solid elements."""
-        found: IntArray = np.concatenate([rows[:, 0] for rows in self.deck.solids.values()])
-        return found
+        return np.concatenate([rows[:, 0] for rows in self.deck.solids.values()])
 
     @cached_property
     def nodes_of_cells(self) -> IntArray:
         """Numbers of the nodes of solid elements, ascending."""
-        found: IntArray = np.unique(np.concatenate([rows[:, 1:].ravel() for rows in self.deck.solids.values()]))
-        return found
+        return np.unique(np.concatenate([rows[:, 1:].ravel() for rows in self.deck.solids.values()]))
 
     def set_name(self, card: Card) -> str:
         """The name of the set of a section, which may be of a part."""
@@ -110,8 +108,7 @@ class Reading:
     def nodes_of(self, elements: IntArray) -> IntArray:
         """Numbers of the nodes of some solid elements, ascending."""
         parts = [rows[np.isin(rows[:, 0], elements), 1:].ravel() for rows in self.deck.solids.values()]
-        found: IntArray = np.unique(np.concatenate(parts))
-        return found
+        return np.unique(np.concatenate(parts))
 
     def point(self, node: int) -> FloatArray:
         """Where a node is, shape (3,); errors as of `Geometry.places`."""

@@ -179,8 +179,8 @@ class ContactBody:
         self.kept_matrix, self.judged_pairs = KeptMatrix(), dict[int, JudgedPair]()
         free, points = 3 * len(elasticity.x) - elasticity.held.number, 3 * len(reference.nodes)
         self.unknowns = {
-            "displacement": self.comm.allreduce(free, op=MPI.SUM),
-            "contact": self.comm.allreduce(points, op=MPI.SUM),
+            "displacement": self.comm.allreduce(free),
+            "contact": self.comm.allreduce(points),
         }
         self.stiffness = ContactStiffness(
             elasticity, self._references, self.unknowns, *self._methods, seconds=self.seconds

@@ -486,7 +486,7 @@ class ContactStiffness:
         """Displacements on which contact forces act, over all ranks: of pairs of faces those of both; A is formed from
         as many columns of K^-1."""
         mine = 3 * len(self._reference.nodes_in_rows)  # nodes at the border of ranks count twice
-        return max(int(self.comm.allreduce(mine, op=MPI.SUM)), self._unknowns["contact"])
+        return max(int(self.comm.allreduce(mine)), self._unknowns["contact"])
 
 
 def _turn(before: ContactSurface, after: ContactSurface) -> FloatArray:

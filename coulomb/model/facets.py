@@ -153,8 +153,7 @@ def _with_node(face: FaceSamples, points: FloatArray) -> BoolArray:
             axis=1, initial=0.0
         )
         touching = tree_of(points).query(face.x)[0] <= _NEAR * radius[:, None]
-    found: BoolArray = np.any(touching, axis=1)
-    return found
+    return np.any(touching, axis=1)
 
 
 def _depths(
@@ -182,10 +181,7 @@ def _depths(
         at_corners = given[number[..., 0]] + ((face.corners[:, :, None] - nearest) @ slope)[:, :, 0, 0]
     least = face.least(near, foundation.signed_distance, at_corners)
     chords = face.chord[near] if large else face.chord_on(foundation.signed_distance)[near]
-    depths: FloatArray = (
-        np.where(np.abs(least) <= max(ROUNDING_OF_PLACES * size, noise), 0.0, -least) - _CHORDS * chords
-    )
-    return depths
+    return np.where(np.abs(least) <= max(ROUNDING_OF_PLACES * size, noise), 0.0, -least) - _CHORDS * chords
 
 
 def largest(values: FloatArray, over: Reductions) -> float:

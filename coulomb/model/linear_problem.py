@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
@@ -232,7 +231,7 @@ class ContactState:
         load = elasticity.reduction.along(loading.load, loading.tension)
         each = [load, *(elasticity.reduction.along(one.forces) for one in elasticity.loads_in(loading))]
         sums = [np.einsum("kcq,kc->q", R, load), np.einsum("kcq,kc->q", np.abs(R), np.sum(np.abs(each), axis=0))]
-        e, size = elasticity.comm.allreduce(np.array(sums), op=MPI.SUM)
+        e, size = elasticity.comm.allreduce(np.array(sums))
         e = np.where(np.abs(e) <= _ROUNDING * size, 0.0, e)
         moved = [(one.number, motion) for one in self.loaded for motion in one.motions]
         away = [-surface.components((surface.part == part)[:, None] * motion.at(surface.x)) for part, motion in moved]

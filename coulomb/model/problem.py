@@ -10,7 +10,6 @@ from functools import partial
 from typing import Any, Final, Self
 
 import numpy as np
-from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..fem.bodies import (
@@ -315,7 +314,7 @@ class ContactProblem(DiscreteProblem):
 
         def changed(values: _Values) -> list[str]:
             other = np.array([not all(map(np.array_equal, values[name], now[name])) for name in now], dtype=np.int64)
-            ranks = self.comm.allreduce(other, op=MPI.SUM)
+            ranks = self.comm.allreduce(other)
             return [name for name, count in zip(now, ranks, strict=True) if count]
 
         if not changed(self._values):

@@ -200,7 +200,7 @@ def _actions(
         vectors -= np.einsum("kij,kj->ki", points.mirrored, vectors)
     part, found = np.repeat(np.arange(len(counts)), counts), []
     comm = points.space.comm
-    centre = comm.allreduce(x.sum(axis=0), op=MPI.SUM) / comm.allreduce(len(x), op=MPI.SUM)
+    centre = comm.allreduce(x.sum(axis=0)) / comm.allreduce(len(x))
     paired = np.asarray(np.diff(points.opposite.indptr) > 0) if points.opposite is not None else part < 0
     for number in range(len(counts)):
         here = part == number

@@ -357,8 +357,7 @@ def small_strain(
 def _relative(depth: FloatArray, scale: FloatArray) -> FloatArray:
     """Depths over the deformation, at most `_MISSED`: a body that touches nothing is not deformed."""
     least = np.maximum(scale, depth / _MISSED)
-    found: FloatArray = np.minimum(depth / np.where(least == 0.0, 1.0, least), _MISSED)
-    return found
+    return np.minimum(depth / np.where(least == 0.0, 1.0, least), _MISSED)
 
 
 def _beyond(answer: NodalAnswer, pressing: BoolArray, at: BoolArray, foundation: RigidFoundation) -> FloatArray:
@@ -372,5 +371,4 @@ def _beyond(answer: NodalAnswer, pressing: BoolArray, at: BoolArray, foundation:
         foundation: The foundation.
     """
     x, n, gap = (values[pressing][at] for values in (answer.x, answer.frames[:, 0], answer.gap))
-    beyond: FloatArray = gap - distance_along(n, x, foundation.signed_distance(x), foundation)
-    return beyond
+    return gap - distance_along(n, x, foundation.signed_distance(x), foundation)

@@ -85,8 +85,7 @@ def directions_on_supports(free: FloatArray) -> FloatArray:
     """The unit vectors along t1 and t2 in which friction acts on supports alone, from the `row_products` of t1 and t2
     (m, 2, 2); 0 where there is none; shape (m, 2)."""
     sizes, directions = np.linalg.eigh(free)
-    found: FloatArray = directions[:, :, 0] * (sizes[:, 0] <= ROUNDING * sizes[:, 1])[:, None]
-    return found
+    return directions[:, :, 0] * (sizes[:, 0] <= ROUNDING * sizes[:, 1])[:, None]
 
 
 def _unload_wedged(problem: DiscreteProblem, force: FloatArray, gram: FloatArray) -> None:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import numpy as np
-from mpi4py import MPI
 
 from ...arrays import FloatArray
 from .constraints import at_nodes_of
@@ -48,7 +47,7 @@ def owed_to_motions(
     motions = {
         one.given.face: np.where(
             one.given.prescribed,
-            found.comm.allreduce(np.einsum("mcp,mc->p", one.of_components(found.x), whole[one.nodes]), op=MPI.SUM),
+            found.comm.allreduce(np.einsum("mcp,mc->p", one.of_components(found.x), whole[one.nodes])),
             0.0,
         )
         for one in constraints.motions

@@ -178,8 +178,8 @@ class DirichletConditions:
         entries = []
         for bc in self.bcs:
             mine = self._held(bc)
-            nodes = self._comm.allreduce(int(np.sum(np.any(mine, axis=1))), op=MPI.SUM)
-            along = self._comm.allreduce(np.any(mine, axis=0).astype(int), op=MPI.SUM)
+            nodes = self._comm.allreduce(int(np.sum(np.any(mine, axis=1))))
+            along = self._comm.allreduce(np.any(mine, axis=0).astype(int))
             letters = ", ".join(letter for letter, held in zip("xyz", along, strict=True) if held)
             entries.append({"kind": "dirichlet", "face": None, "holds": f"{letters or 'nothing'} of {nodes} nodes"})
         return entries

@@ -261,8 +261,7 @@ class SingleBody(DisplacementSpace, Deformable):
     def strain_energy(self, u: FloatArray) -> float | None:
         """Of the displacement u (k, 3) from u = 0, in joules, without that of springs; None if it is not known;
         collective."""
-        energy: float = self.comm.allreduce(0.5 * float(np.vdot(u, self.internal_force(u))))
-        return energy
+        return self.comm.allreduce(0.5 * float(np.vdot(u, self.internal_force(u))))
 
     def strain_force(self, u: FloatArray) -> FloatArray:
         """Its derivative along u, nodal forces in newtons, shape (k, 3); at a deformed place, there; collective."""

@@ -161,8 +161,7 @@ class DisplacementSpace:
     def in_cells_of(self, vectors: FloatArray) -> FloatArray:
         """Nodal vectors (k, 3) at the nodes of the cells that this rank owns, shape (c, n, 3); collective."""
         cells = compat.cell_dofs(self.V)[: self.domain.topology.index_map(3).size_local]
-        at_nodes: FloatArray = self.function(vectors).x.array.reshape(-1, 3)[cells]
-        return at_nodes
+        return self.function(vectors).x.array.reshape(-1, 3)[cells]
 
     def in_a_cell(self) -> FloatArray:
         """The middle of a cell that each of this rank's nodes belongs to, the mean of its nodes, metres, shape (k, 3):

@@ -254,14 +254,14 @@ def eliminated(bodies: ReducedBodies) -> Reduced:
     """
     comm = bodies.comm
     free = [3 * len(one.body.x) - one.body.held.number for one in bodies.members]
-    if not np.any(comm.allreduce(np.array(free), op=MPI.SUM)):
+    if not np.any(comm.allreduce(np.array(free))):
         raise ValueError("the supports hold every node: there is nothing to compute; use a finer mesh")
     K = bodies.assembled()
     if bodies.added_springs is not None:
         bodies.added_springs.added_to(K, bodies.lifetime)
     alone = diagonal_of(K).reshape(-1, 3)
     mean: FloatArray = alone.mean(axis=1, keepdims=True)
-    typical = comm.allreduce(float(mean.sum()), op=MPI.SUM) / bodies.numbering.total
+    typical = comm.allreduce(float(mean.sum())) / bodies.numbering.total
     mean = np.where(mean > 0.0, mean, typical)  # forms may vanish where everything is held
     anchored = _anchors(bodies)
     if bodies.added_springs is None:  # with them the same is asked of the bodies themselves
@@ -364,7 +364,7 @@ def attach_rigid_modes(matrix: PETSc.Mat, x: FloatArray, reduction: Reduction) -
     motions, orthonormal; collective."""
     modes = reduction.rigid_modes(x)
     V: FloatArray = modes.reshape(-1, modes.shape[2])  # a rank may have no nodes
-    V = np.linalg.solve(np.linalg.cholesky(reduction.comm.allreduce(V.T @ V, op=MPI.SUM)), V.T)
+    V = np.linalg.solve(np.linalg.cholesky(reduction.comm.allreduce(V.T @ V)), V.T)
     vectors = []
     for column in V:
         vectors.append(matrix.createVecRight())

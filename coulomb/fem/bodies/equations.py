@@ -15,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 import scipy.sparse.linalg
-from mpi4py import MPI
 
 from ...arrays import BoolArray, FloatArray, IntArray, as_list, in_words, is_number
 from ...nearest import tree_of
@@ -226,7 +225,7 @@ class Links:
     def forces(self, u: FloatArray, unit: bool = False) -> Iterator[tuple[Equation, FloatArray]]:
         """Of every equation the forces on the nodes, newtons, at displacements u (k, 3), or (k, 3, j), of the same
         shape, or of springs of stiffness 1; collective."""
-        stretch = self._comm.allreduce(self._own @ u.reshape(3 * len(u), math.prod(u.shape[2:])), op=MPI.SUM)
+        stretch = self._comm.allreduce(self._own @ u.reshape(3 * len(u), math.prod(u.shape[2:])))
         pull = ((self._k > 0.0) if unit else self._k)[:, None] * stretch
         for number, one in enumerate(self.given):
             mine = (self._of == number)[:, None] * pull

@@ -70,7 +70,7 @@ class FiniteMotion(FaceMotion):
         modes = moved_at(there._by_changes, x[self.nodes] - there.point)
         modes *= np.any(self.spread != 0.0, axis=(1, 2))[:, None, None]
         size = np.repeat([1.0, comm.allreduce(float(np.max(np.abs(self.arms), initial=0.0)), op=MPI.MAX)], 3)
-        gram = comm.allreduce(np.einsum("mcp,mcq->pq", modes / size, modes / size), op=MPI.SUM)
+        gram = comm.allreduce(np.einsum("mcp,mcq->pq", modes / size, modes / size))
         return replace(there, spread=(modes / size) @ np.linalg.pinv(gram, hermitian=True) / size)
 
     def own(self, x: FloatArray) -> FloatArray:
@@ -112,12 +112,11 @@ class FiniteMotion(FaceMotion):
         r): along dtheta these are M = J^T sum(r x f), of which dM/dtheta at constant f is the second derivative of f .
         R(theta) (X - c); of the moment of a wrench, which has no potential, the symmetric part; collective."""
         H, about = self.moment_rates(forces, wrenches, comm), self.motions[3:]
-        bent: FloatArray = about.T @ (0.5 * (H + H.T)) @ about
-        return bent
+        return about.T @ (0.5 * (H + H.T)) @ about
 
     def moment_rates(self, forces: FloatArray, wrenches: Sequence[Wrench], comm: MPI.Comm) -> FloatArray:
         """dM/dtheta of `bent`, newton metres, shape (3, 3); arguments as there; collective."""
-        P = comm.allreduce(self.arms.T @ forces[self.nodes], op=MPI.SUM)
+        P = comm.allreduce(self.arms.T @ forces[self.nodes])
         P -= sum((np.outer(one.point - self.place, one.force) for one in wrenches), np.zeros((3, 3)))
         moment = sum((one.moment for one in wrenches), np.zeros(3))
 
@@ -148,7 +147,7 @@ def turned_section(tie: Tie, x: FloatArray, apart: FloatArray, tied: FloatArray,
     from_, to, R = nearest_turn(section.arms, (x - apart)[section.rim], comm)
     n = R @ section.direction
     N = tied @ n
-    along, size = comm.allreduce(np.array([np.sum(N * apart), np.sum(N * N)]), op=MPI.SUM)
+    along, size = comm.allreduce(np.array([np.sum(N * apart), np.sum(N * N)]))
     place, arms = to - R @ from_, section.arms @ R.T
     return replace(section, place=place, direction=n, arms=arms, shortening=float(along / size))
 
@@ -161,9 +160,9 @@ def turned_tie(tie: Tie, x: FloatArray, apart: FloatArray, tied: FloatArray, com
     if section.shortening == 0.0:
         return replace(tie, own=own, bolt=section)
     rim, followed = section.rim, (x - apart)[section.rim]
-    sums = comm.allreduce(np.array([*section.arms.sum(axis=0), *followed.sum(axis=0), len(rim)]), op=MPI.SUM)
+    sums = comm.allreduce(np.array([*section.arms.sum(axis=0), *followed.sum(axis=0), len(rim)]))
     a, b = section.arms - sums[:3] / sums[6], followed - sums[3:6] / sums[6]
-    size = comm.allreduce(np.sum(a * b) * np.eye(3) - a.T @ b, op=MPI.SUM)  # of sum(a x db) = size dtheta
+    size = comm.allreduce(np.sum(a * b) * np.eye(3) - a.T @ b)  # of sum(a x db) = size dtheta
     at = (3 * rim[:, None] + np.arange(3)).ravel()
     levers = scipy.sparse.csr_matrix(np.moveaxis(_crossing(a), 0, 1).reshape(3, -1)) @ tie.rows[at]
     turning = scipy.sparse.csr_matrix(np.linalg.inv(size)) @ sum(comm.allgather(levers))

@@ -207,9 +207,9 @@ class FormBody(SingleBody):
         if self._made.ground is None:
             comm, modes = self.mesh.comm, rigid_modes(self.x, self.mesh.comm)
             forces = np.stack([self.internal_force(modes[:, :, j]) for j in range(6)], axis=2)
-            sizes = np.sqrt(comm.allreduce(np.einsum("kcj,kcj->j", forces, forces), op=MPI.SUM))
+            sizes = np.sqrt(comm.allreduce(np.einsum("kcj,kcj->j", forces, forces)))
             stiff = np.max(comm.allgather(float(np.max(self._diagonal, initial=0.0))))
-            noise = 1e-12 * np.sqrt(comm.allreduce(float(np.sum(self._diagonal**2)), op=MPI.SUM))
+            noise = 1e-12 * np.sqrt(comm.allreduce(float(np.sum(self._diagonal**2))))
             parts = component_modes(self.x, self.component, comm)[1]
             of_each = of_components(forces / stiff, self.x, self.component, parts, comm)
             free = free_motions(self.x, self.component, names_of_components(parts), of_each, comm, _FREE)
@@ -243,7 +243,7 @@ class FormBody(SingleBody):
         bent[:, order[2]], bent[:, order[0]] = along * z, -0.5 * (along**2 + z**2)
         sums = [np.vdot(u, self.internal_force(u)) for u in (x, sheared, bent)]
         sums += [np.vdot(outward, x) / 3.0, np.vdot(outward[:, order[0]], z**3) / 3.0]
-        of_volume, of_shear, of_bending, volume, second = comm.allreduce(np.array(sums), op=MPI.SUM)
+        of_volume, of_shear, of_bending, volume, second = comm.allreduce(np.array(sums))
         if not (of_shear > 0.0 and second > 0.0):
             return 0.0, 0.0  # forms that are refused
         shear = of_shear / (4.0 * volume)
@@ -331,8 +331,8 @@ class FormBody(SingleBody):
         comm = self.mesh.comm
         largest = float(np.max(comm.allgather(float(np.max(np.abs(loading.load), initial=0.0)))))
         load = loading.load / (largest or 1.0)
-        work: float = comm.allreduce(float(np.sum(load**2 / self._diagonal)), op=MPI.SUM)
-        size: float = comm.allreduce(float(np.sum(np.abs(load))), op=MPI.SUM)
+        work: float = comm.allreduce(float(np.sum(load**2 / self._diagonal)))
+        size: float = comm.allreduce(float(np.sum(np.abs(load))))
         return largest * work / (size or 1.0)
 
     def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:

@@ -231,8 +231,8 @@ class FreeMotions:
         if not self.motions:
             return forces
         R = self.modes(x)
-        gram = self.comm.allreduce(np.einsum("kci,kcj->ij", R, R), op=MPI.SUM)
-        resultant = self.comm.allreduce(np.einsum("kci,kc...->i...", R, forces), op=MPI.SUM)
+        gram = self.comm.allreduce(np.einsum("kci,kcj->ij", R, R))
+        resultant = self.comm.allreduce(np.einsum("kci,kc...->i...", R, forces))
         return forces - R @ np.linalg.solve(gram, resultant)
 
     def opened(
@@ -282,8 +282,8 @@ def free_motions(
     modes, parts = component_modes(x, component, comm)
     for number, part in enumerate(parts):
         here = component == number
-        energy = comm.allreduce(np.einsum("kci,kcj->ij", modes[here], forces[here]), op=MPI.SUM)
-        limit = least_energy(energy) if per_node is None else per_node * comm.allreduce(int(here.sum()), op=MPI.SUM)
+        energy = comm.allreduce(np.einsum("kci,kcj->ij", modes[here], forces[here]))
+        limit = least_energy(energy) if per_node is None else per_node * comm.allreduce(int(here.sum()))
         basis = _basis_along_axes(null_space(energy, limit))
         motions += [FreeMotion(number, part, column[:3], column[3:] / part.radius) for column in basis.T]
     return FreeMotions(comm, component, tuple(motions), tuple(names))

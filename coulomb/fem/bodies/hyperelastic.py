@@ -355,7 +355,7 @@ class HyperelasticBody(NonlinearBody):
             x, load = self.reference[one.nodes], one.load
             from_, to, R = nearest_turn(x, x + u[one.nodes], self.comm)
             a, b = (x - from_) @ R.T, x + u[one.nodes] - to
-            size = self.comm.allreduce(np.sum(a * b) * np.eye(3) - a.T @ b, op=MPI.SUM)
+            size = self.comm.allreduce(np.sum(a * b) * np.eye(3) - a.T @ b)
             factor, forces = evaluate_amplitude(load.amplitude, time, load_title(load)), load.turned(one.units, R)
             turned = []
             for axis in np.eye(3):

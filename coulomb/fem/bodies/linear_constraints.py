@@ -104,7 +104,7 @@ class Constraints:
         for tie, own in zip(ties, found.own, strict=True):
             if tie.motion is not None and tie.own.shape[2]:
                 N = next(N for at, N in weights if at == own)
-                along = self.comm.allreduce(np.einsum("mcp,mcq->pq", tie.motion.spread, N), op=MPI.SUM)
+                along = self.comm.allreduce(np.einsum("mcp,mcq->pq", tie.motion.spread, N))
                 found.stiffness[own, own] = (along.T * tie.motion.given.stiffness) @ along
         return found
 
@@ -253,7 +253,7 @@ class Constraints:
         forces = self.reduction.prevented(each) + resisted(each)
         of_modes = found.modes(self.reduction.x)
         energy, gram, whole = (
-            self.comm.allreduce(np.einsum("kci,kcj->ij", each, of), op=MPI.SUM) for of in (forces, each, of_modes)
+            self.comm.allreduce(np.einsum("kci,kcj->ij", each, of)) for of in (forces, each, of_modes)
         )
         free = null_space(energy, least_energy(energy))
         motions = each @ free

@@ -150,7 +150,7 @@ class TotalForce:
 
     def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
         area = body.area_of(mesh.facets(self.face, self.kind))
-        whole = mesh.comm.allreduce(float(area.sum()), op=MPI.SUM)
+        whole = mesh.comm.allreduce(float(area.sum()))
         return area[:, None] / (mesh.copies * whole) * np.asarray(self.force, dtype=np.float64)
 
 
@@ -195,7 +195,7 @@ class PointLoad:
         middle, point = replace(self, point=None).acts_at(body, mesh), self.acts_at(body, mesh)
         modes = displacements_of(body.x - middle, np.ones(len(body.x)))
         parts = np.array([body.surface_load(mode, facets) for mode in np.moveaxis(modes, 2, 0)])
-        resultants = comm.allreduce(np.einsum("pki,kij->pj", parts, modes), op=MPI.SUM)
+        resultants = comm.allreduce(np.einsum("pki,kij->pj", parts, modes))
         about_middle = np.eye(6)
         about_middle[3:, :3] = np.cross(point - middle, np.eye(3)).T
         amounts = np.linalg.solve(resultants.T, about_middle)
@@ -206,14 +206,13 @@ class PointLoad:
         if self.point is not None:
             return np.array(self.point, dtype=np.float64)
         area = body.area_of(mesh.facets(self.face, self.kind))
-        sums: FloatArray = mesh.comm.allreduce(np.append(area @ body.x, area.sum()), op=MPI.SUM)
+        sums: FloatArray = mesh.comm.allreduce(np.append(area @ body.x, area.sum()))
         return sums[:3] / sums[3]
 
     def turned(self, units: FloatArray, R: FloatArray) -> FloatArray:
         """The nodal forces in newtons of `units` (k, 3, 6) on a face that has turned by R (3, 3), shape (k, 3)."""
         given = np.concatenate([self.force @ R, self.moment @ R])
-        forces: FloatArray = units @ given @ R.T
-        return forces
+        return units @ given @ R.T
 
 
 @dataclass(frozen=True)
@@ -386,7 +385,7 @@ class NodeTemperatures:
             at_points[here] = np.array([singly[node] for node in ordered])[place[here]]
             found = np.zeros(len(ordered), dtype=np.int64)
             found[place[here]] = 1
-            missing = ordered[comm.allreduce(found, op=MPI.SUM) == 0]
+            missing = ordered[comm.allreduce(found) == 0]
             if len(missing):
                 raise ValueError(f"temperature: no cell of the mesh file has a node of the number {missing[0]}")
         widths = (count for count in (27, 20, 10) if count <= on.shape[1])

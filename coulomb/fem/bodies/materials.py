@@ -21,7 +21,6 @@ from dataclasses import dataclass
 from typing import Any, Final, cast
 
 import numpy as np
-from mpi4py import MPI
 
 from ...arrays import BoolArray, FloatArray, Int32Array, is_number, real_numbers, short
 from .. import compat
@@ -425,9 +424,9 @@ def _refuse_wrong_cells(mesh: NamedMesh, materials: Materials, count: int) -> No
     for _, cells in _with_cells(mesh, materials):
         times[cells] += 1
     for wrong, fault in ((times == 0, "without a material"), (times > 1, "in more than one of these groups")):
-        bad = mesh.comm.allreduce(int(wrong.sum()), op=MPI.SUM)
+        bad = mesh.comm.allreduce(int(wrong.sum()))
         if bad and isinstance(materials, Mapping):
-            all_cells = mesh.comm.allreduce(count, op=MPI.SUM)
+            all_cells = mesh.comm.allreduce(count)
             raise ValueError(
                 f"material: {bad} of {all_cells} cells are {fault}; materials are given for {', '.join(materials)}, "
                 f"the mesh has the cell groups {', '.join(mesh.cells) or '(none)'}; every cell needs exactly one"

@@ -44,7 +44,6 @@ from typing import Any, Final, cast
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
-from mpi4py import MPI
 
 from ...arrays import FloatArray, IntArray
 from .. import compat
@@ -155,7 +154,7 @@ def stress_error(body: LoadedBody, u: FloatArray, change: FloatArray | None = No
             if grid is not None and along is not None:
                 highest = np.einsum("caq,cqk->cak", _highest(N, grid.corners[part], weights, body.degree), difference)
                 along[:, part] = cells.energy(part, highest).T * found[2, part]
-    total, norm = np.sqrt(body.comm.allreduce(found[:2].sum(axis=1), op=MPI.SUM))
+    total, norm = np.sqrt(body.comm.allreduce(found[:2].sum(axis=1)))
     return StressError(found[0], found[2], cells.modulus, float(total), float(norm), along)
 
 

@@ -180,7 +180,7 @@ class Reduction:
         for tie, own in zip(self._ties, self.own, strict=True):
             if tie.own.shape[2]:
                 N = np.einsum("mij,mjq->miq", self.tied[tie.nodes], tie.own)
-                gram = self.comm.allreduce(np.einsum("miq,mip->qp", N, N), op=MPI.SUM)
+                gram = self.comm.allreduce(np.einsum("miq,mip->qp", N, N))
                 found.append((tie.nodes, own, N, N @ np.linalg.inv(gram)))
         return found
 
@@ -209,7 +209,7 @@ class Reduction:
         y = np.zeros((self.width, *apart.shape[2:]))
         for nodes, own, _, fit in self.weights:
             y[own] = np.einsum("miq,mi...->q...", fit, apart[nodes])
-        return self.comm.allreduce(y, op=MPI.SUM) if self.weights else y
+        return self.comm.allreduce(y) if self.weights else y
 
     def moved(self, y: FloatArray) -> FloatArray:
         """D N y of own unknowns (width,) or (width, j), shape (k, 3) or (k, 3, j)."""
@@ -223,7 +223,7 @@ class Reduction:
         y = np.zeros(self.width)
         for nodes, own, N, _ in self.weights:
             y[own] = np.einsum("miq,mi->q", N, forces[nodes])
-        return self.comm.allreduce(y, op=MPI.SUM) if self.weights else y
+        return self.comm.allreduce(y) if self.weights else y
 
     def amounts_transposed(self, y: FloatArray) -> FloatArray:
         """Nodal forces (k, 3) that do the work of forces y (width,) along the `amounts` of displacements."""
@@ -338,7 +338,7 @@ class Reduction:
         count = len(self.x)
         blocks = anchoring[:, :, None] * np.eye(3)
         blocks[:count] += mean[:, :, None] * (self.held.projector_at(np.arange(count)) + self.tied)
-        typical = self.comm.allreduce(float(mean.sum()), op=MPI.SUM) / self._of_nodes.total
+        typical = self.comm.allreduce(float(mean.sum())) / self._of_nodes.total
         blocks[count:] += typical * (1.0 - self.with_own(np.zeros((0, 3)), self.loose))[:, :, None] * np.eye(3)
         nodes = scipy.sparse.csr_matrix((3 * count, 3 * self._of_nodes.total))
         own = scipy.sparse.csr_matrix(self.stiffness)[: 3 * self.here]

@@ -129,7 +129,7 @@ def rigid_face_of(body: Deformable, given: RigidFace, taken: BoolArray) -> Tie:
         )
     x, area = body.x[nodes], member.body.area_of(facets)
     normal = member.body.normal_of(facets).sum(axis=0)
-    whole = comm.allreduce(np.concatenate([area @ member.body.x, normal, [area.sum()]]), op=MPI.SUM)
+    whole = comm.allreduce(np.concatenate([area @ member.body.x, normal, [area.sum()]]))
     middle = whole[:3] / whole[6]
     point = middle if given.point is None else np.array(given.point, dtype=np.float64)
     r = x - point
@@ -140,7 +140,7 @@ def rigid_face_of(body: Deformable, given: RigidFace, taken: BoolArray) -> Tie:
     component = body.component[nodes]
     sprung = comm.allreduce(int(np.min(component, initial=np.iinfo(np.int64).max)), op=MPI.MIN)
     rigid = moved_at(possible, r) * (component == sprung)[:, None, None]
-    gram = comm.allreduce(np.einsum("mcp,mcq->pq", rigid, rigid), op=MPI.SUM)
+    gram = comm.allreduce(np.einsum("mcp,mcq->pq", rigid, rigid))
     spread = rigid @ np.linalg.solve(gram, possible)
     if given.along == "free":
         n = _normal(given, whole[3:6] / whole[6], x - middle, comm)
@@ -155,11 +155,11 @@ def rigid_face_of(body: Deformable, given: RigidFace, taken: BoolArray) -> Tie:
     free, given_part = _left_free(given, possible, size)
     follow = ways.T @ ways
     against = np.einsum("mij,jk,mkq->miq", held, follow, moved_at(free, r))
-    energy = comm.allreduce(np.einsum("miq,mip->qp", against, against), op=MPI.SUM)
-    count = comm.allreduce(float(len(nodes)), op=MPI.SUM)
+    energy = comm.allreduce(np.einsum("miq,mip->qp", against, against))
+    count = comm.allreduce(float(len(nodes)))
     motions = free @ null_space(energy, _FREE * count) if free.shape[1] else free
     moved = follow @ moved_at(motions, r)
-    sizes, axes = np.linalg.eigh(comm.allreduce(np.einsum("miq,mip->qp", moved, moved), op=MPI.SUM))
+    sizes, axes = np.linalg.eigh(comm.allreduce(np.einsum("miq,mip->qp", moved, moved)))
     motions = motions @ axes[:, sizes > _FREE * count]  # not those about a line of nodes
     none = scipy.sparse.csr_matrix((3 * len(nodes), 3 * body.numbering.total))
     motion = FaceMotion(given, point, nodes, ways, motions, given_part, spread)
@@ -198,7 +198,7 @@ def _finite(motion: FaceMotion, r: FloatArray, held: FloatArray, size: float, co
                 "turn: prescribe its rotation as 0, or leave along out"
             )
         return motion
-    sums = comm.allreduce(np.column_stack([r.T @ r, r.sum(axis=0), np.full(3, len(r))]), op=MPI.SUM)
+    sums = comm.allreduce(np.column_stack([r.T @ r, r.sum(axis=0), np.full(3, len(r))]))
     spread = sums[:, :3] - np.outer(sums[:, 3], sums[:, 3]) / sums[0, 4]
     if np.linalg.eigvalsh(spread)[1] < _PLANE * size**2:
         raise ValueError(f"{given.what}: its nodes are on a line, about which its rotation would be unknown")

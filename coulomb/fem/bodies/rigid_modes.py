@@ -108,11 +108,11 @@ def component_modes(x: FloatArray, component: IntArray, comm: MPI.Comm) -> tuple
     """The six rigid motions of the component of each node, of one metre, shape (k, 3, 6), and the components;
     collective."""
     count = int(comm.allreduce(int(np.max(component, initial=-1)), op=MPI.MAX)) + 1
-    number = comm.allreduce(np.bincount(component, minlength=count).astype(np.float64), op=MPI.SUM)
+    number = comm.allreduce(np.bincount(component, minlength=count).astype(np.float64))
     sums = np.stack([np.bincount(component, weights=axis, minlength=count) for axis in x.T], axis=1)
-    centre = comm.allreduce(sums, op=MPI.SUM) / number[:, None]
+    centre = comm.allreduce(sums) / number[:, None]
     r = x - centre[component]
-    squares = comm.allreduce(np.bincount(component, weights=np.sum(r**2, axis=1), minlength=count), op=MPI.SUM)
+    squares = comm.allreduce(np.bincount(component, weights=np.sum(r**2, axis=1), minlength=count))
     radius = np.sqrt(squares / number)
     radius[radius == 0.0] = 1.0
     parts = tuple(RigidPart(c, float(size)) for c, size in zip(centre, radius, strict=True))
@@ -151,16 +151,15 @@ def null_space(energy: FloatArray, limit: float) -> FloatArray:
 def nearest_turn(x: FloatArray, y: FloatArray, comm: MPI.Comm) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Of the rigid motion with a finite rotation that is nearest to one from points x to y, shapes (k, 3): the means of
     both, (3,), and the rotation R, (3, 3) (Kabsch 1976); collective."""
-    count = comm.allreduce(len(x), op=MPI.SUM)
-    from_, to = comm.allreduce(np.array([x.sum(axis=0), y.sum(axis=0)]), op=MPI.SUM) / count
-    return from_, to, turn_of(comm.allreduce((x - from_).T @ (y - to), op=MPI.SUM))
+    count = comm.allreduce(len(x))
+    from_, to = comm.allreduce(np.array([x.sum(axis=0), y.sum(axis=0)])) / count
+    return from_, to, turn_of(comm.allreduce((x - from_).T @ (y - to)))
 
 
 def turn_of(products: FloatArray) -> FloatArray:
     """The rotation R that is nearest to a motion from x to y, both about their means, by the sum of x y^T, (3, 3)."""
     left, _, right = np.linalg.svd(products)
-    turn: FloatArray = right.T @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ left.T
-    return turn
+    return right.T @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ left.T
 
 
 @dataclass(frozen=True, eq=False)

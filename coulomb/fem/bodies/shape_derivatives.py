@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from mpi4py import MPI
 
 from ...arrays import FloatArray, Int32Array
 from ..compat import fem, ufl
@@ -50,7 +49,7 @@ def load_along_places(load: Timed, space: DisplacementSpace, mesh: NamedMesh, v:
         return np.zeros_like(v)
     if isinstance(load, TotalForce):  # as its area stretches, the traction falls
         area = space.area_of(mesh.facets(load.face, load.kind))
-        sums: FloatArray = mesh.comm.allreduce(np.append(area @ v, area.sum()), op=MPI.SUM)
+        sums: FloatArray = mesh.comm.allreduce(np.append(area @ v, area.sum()))
         traction = np.asarray(load.force, dtype=np.float64) / (mesh.copies * sums[3])
         return Traction(load.face, tuple(traction)).nodal_force(_OfWork(space, v - sums[:3] / sums[3]), mesh)
     if isinstance(load, _INTEGRATED):

@@ -454,9 +454,9 @@ class SupportedFace:
         if self._compute is None:
             return self._plane_of_nodes(what)
         area, outward = self._integrals
-        total = self.comm.allreduce(float(area.sum()), op=MPI.SUM)
-        mean = self.comm.allreduce(outward.sum(axis=0), op=MPI.SUM) / total
-        centre = self.comm.allreduce(area @ self.x, op=MPI.SUM) / total
+        total = self.comm.allreduce(float(area.sum()))
+        mean = self.comm.allreduce(outward.sum(axis=0)) / total
+        centre = self.comm.allreduce(area @ self.x) / total
         r = self.x - centre
         extent = self.comm.allreduce(float(np.max(np.abs(r), initial=0.0)), op=MPI.MAX)
         n: FloatArray = _clean(mean[None, :] if np.any(mean) else np.ones((1, 3)))[0]

@@ -160,7 +160,7 @@ class FaceMotion:
     def spring_force(self, u: FloatArray, stiffness: FloatArray, comm: MPI.Comm) -> FloatArray:
         """Nodal forces in newtons of a spring of a diagonal stiffness (6,) at changes u of displacements (k, 3), or (k,
         3, j), of the same shape; collective."""
-        q = comm.allreduce(np.einsum("mcp,mc...->p...", self.spread, u[self.nodes]), op=MPI.SUM)
+        q = comm.allreduce(np.einsum("mcp,mc...->p...", self.spread, u[self.nodes]))
         forces = np.zeros_like(u)
         forces[self.nodes] = -np.einsum("mcp,p,p...->mc...", self.spread, stiffness, q)
         return forces

@@ -126,7 +126,7 @@ def _side(elasticity: Deformable, face: str) -> _Side:
     body, nodes = member.body, member.body.nodes_of(facets)
     points = np.intersect1d(nodes, body.vertices.node).size if not body.positive else len(nodes)
     mine = [len(nodes), points, body.area_of(facets).sum(), len(clamped_nodes(body, facets))]
-    count, number, area, clamped = elasticity.comm.allreduce(np.array(mine, dtype=np.float64), op=MPI.SUM)
+    count, number, area, clamped = elasticity.comm.allreduce(np.array(mine, dtype=np.float64))
     return _Side(float(np.sqrt(area / max(number, 1.0))), float(clamped / max(count, 1.0)))
 
 
@@ -144,7 +144,7 @@ def _stiffness(elasticity: Deformable, face: str) -> float:
     for A in _STRAINS:
         forces, expected = body.internal_force(body.x @ A)[nodes], outward @ A
         work += np.vdot(forces, expected), np.vdot(expected, expected)
-    done, of_unit = elasticity.comm.allreduce(work, op=MPI.SUM)
+    done, of_unit = elasticity.comm.allreduce(work)
     return float(done / (of_unit or 1.0))
 
 
@@ -362,7 +362,7 @@ def pair_of(
         f"contact face {face!r}",
         comm,
     )
-    apart = comm.allreduce(len(rows.node), op=MPI.SUM) == 0 and not glued
+    apart = comm.allreduce(len(rows.node)) == 0 and not glued
     if apart:
         nodes, left, what = comm.allreduce(len(on_face)), comm.allreduce(gone.sum()), f"contact face {face!r}"
         if nodes and left == nodes:
@@ -438,8 +438,8 @@ def bulges_at_points(
 def _remarks(
     face: str, against: str, rows: MortarRows, twice: int, deepest: float, uncertain: float, comm: MPI.Comm
 ) -> tuple[str, ...]:
-    dropped, layered, shared = comm.allreduce(np.array([len(rows.dropped), rows.layered, twice]), op=MPI.SUM)
-    lost = float(comm.allreduce(rows.lost, op=MPI.SUM))
+    dropped, layered, shared = comm.allreduce(np.array([len(rows.dropped), rows.layered, twice]))
+    lost = float(comm.allreduce(rows.lost))
     found = []
     if shared:
         found.append(

@@ -80,7 +80,7 @@ def section_of(body: Deformable, given: Pretension, taken: BoolArray) -> Tie:
     """
     comm, tie = body.comm, tie_of(body, given, taken)
     x = body.x[tie.nodes]
-    sums = comm.allreduce(np.concatenate([[tie.area.sum()], tie.area @ tie.normal, tie.area @ x]), op=MPI.SUM)
+    sums = comm.allreduce(np.concatenate([[tie.area.sum()], tie.area @ tie.normal, tie.area @ x]))
     area, mean, centre = float(sums[0]), sums[1:4] / sums[0], sums[4:] / sums[0]
     n = mean if given.direction is None else np.array(given.direction, dtype=np.float64)
     if given.direction is None and np.linalg.norm(mean) < _PLANE:

@@ -109,8 +109,7 @@ def _along_arc(chord: FloatArray, now: FloatArray, then: FloatArray) -> FloatArr
     length, along = np.linalg.norm(chord, axis=1), np.linalg.norm(tangent, axis=1)
     half = 0.5 * np.arctan2(np.linalg.norm(np.cross(then, now), axis=1), np.einsum("ki,ki->k", then, now))
     arc = np.where(half > _PARALLEL, length * half / np.sin(np.maximum(half, _PARALLEL)), length)
-    stretched: FloatArray = tangent * np.divide(arc, along, out=np.zeros_like(arc), where=along > 0.0)[:, None]
-    return stretched
+    return tangent * np.divide(arc, along, out=np.zeros_like(arc), where=along > 0.0)[:, None]
 
 
 def _separation(surface: ContactSurface, x: FloatArray) -> FloatArray:

@@ -208,7 +208,7 @@ def contact_surface(
     body = member.body  # until the end, nodes are those of this body
     points = contact_points(body, facets)
     area, outward = body.positive_weights(facets)
-    if comm.allreduce(len(points.nodes), op=MPI.SUM) == 0:
+    if comm.allreduce(len(points.nodes)) == 0:
         raise ValueError(f"contact: face {face!r} has no facets")
     on_face = body.nodes_of(facets)
     place = body.x[on_face]
@@ -222,7 +222,7 @@ def contact_surface(
     away, gap = np.zeros(len(body.x), dtype=bool), np.zeros(len(body.x))
     away[on_face] = facing & faces_away(inwards, outward[on_face])
     gap[on_face] = _evaluate(foundation.signed_distance, place, 1, comm, face)
-    facing = comm.allreduce(int(np.sum(~away[points.nodes])), op=MPI.SUM)
+    facing = comm.allreduce(int(np.sum(~away[points.nodes])))
     inside = away[on_face] & ((gap[on_face] <= 0.0) | (facing == 0))
     reverse = "reverse the normal, or leave such facets out"
     _refuse(inside, place, f"{what} is turned away from the foundation: {reverse}", comm)
@@ -243,7 +243,7 @@ def contact_surface(
     free_length = np.sqrt(np.maximum(1.0 - along**2, 0.0))
     nearly = "is held at less than 0.6 degrees to the foundation's normal: hold it along the normal, or not"
     _refuse(keep & (free_length < _NEARLY_HELD), x, f"{what} {nearly}", comm)
-    if comm.allreduce(int(keep.sum()), op=MPI.SUM) == 0:
+    if comm.allreduce(int(keep.sum())) == 0:
         raise FullyHeld(f"{what} is fully clamped: none of its nodes can move against the foundation")
 
     points, x, n, H = points.only(keep), x[keep], n[keep], H[keep]
@@ -257,7 +257,7 @@ def contact_surface(
     part = np.zeros(len(x), dtype=np.int64)
     points = points.of(member, elasticity)
     matrices = matrices_of(elasticity, points, frames)
-    left_out = comm.allreduce(int(turned.sum()), op=MPI.SUM)
+    left_out = comm.allreduce(int(turned.sum()))
     remark = f"{what}: {left_out} of its nodes face away from the foundation and are no contact points"
     remarks = (remark,) if left_out else ()
     return ContactSurface(
@@ -395,15 +395,15 @@ def own_plane(elasticity: Deformable, face: str) -> Plane:
     """The plane of a face, with its normal into the body; ValueError on every rank if it is none; collective."""
     member, facets = elasticity.face(face, "contact")
     nodes, (area, outward) = member.body.nodes_of(facets), member.body.positive_weights(facets)
-    if elasticity.comm.allreduce(len(nodes), op=MPI.SUM) == 0:
+    if elasticity.comm.allreduce(len(nodes)) == 0:
         raise ValueError(f"contact: face {face!r} has no facets")
     return plane_of_face(face, member.body.x[nodes], area[nodes], outward[nodes], elasticity.comm)
 
 
 def plane_of_face(face: str, x: FloatArray, area: FloatArray, outward: FloatArray, comm: MPI.Comm) -> Plane:
-    total = comm.allreduce(float(area.sum()), op=MPI.SUM)
-    point = comm.allreduce(area @ x, op=MPI.SUM) / total
-    normal = comm.allreduce(outward.sum(axis=0), op=MPI.SUM) / total
+    total = comm.allreduce(float(area.sum()))
+    point = comm.allreduce(area @ x) / total
+    normal = comm.allreduce(outward.sum(axis=0)) / total
     if not np.linalg.norm(normal) > 1.0 - 1e-8:
         raise ValueError(f"contact face {face!r} is not plane: give its foundation (contact.foundation)")
     normal[np.abs(normal) < 1e-12] = 0.0

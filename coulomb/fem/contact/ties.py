@@ -299,7 +299,7 @@ def tie_of(body: Deformable, given: Tied, taken: BoolArray) -> Tie:
         return found, own, (near.slave.numbers[found.node[own]] - space.numbering.first).astype(np.int64)
 
     found, own, nodes = tied(gone)
-    if comm.allreduce(int(own.sum()), op=MPI.SUM) == 0:
+    if comm.allreduce(int(own.sum())) == 0:
         raise ValueError(
             f"{given.what}: no part of one is opposite to the other: they must face each other, with outward normals "
             "in opposite directions, and one must have nodes that are neither clamped nor tied already"
@@ -352,7 +352,7 @@ def tie_of(body: Deformable, given: Tied, taken: BoolArray) -> Tie:
     if far > _FAR * facet:
         remarks.append(f"the faces are up to {amount(far)} apart; nodes are tied across that distance as by rigid arms")
     mine = (found.untied >= near.owned[0]) & (found.untied < near.owned[1])
-    untied = comm.allreduce(int(mine.sum()), op=MPI.SUM)
+    untied = comm.allreduce(int(mine.sum()))
     if untied:
         remarks.append(
             f"{untied} nodes of {face!r} have less than a fifth of their area before {against!r} and are free"
@@ -398,12 +398,12 @@ def _clamped(body: Deformable, face: str, taken: BoolArray) -> int:
     nodes = member.body.nodes_of(facets)
     held = np.trace(member.body.held.projector_at(nodes), axis1=1, axis2=2) > _ALL_HELD
     held |= taken[member.nodes][nodes]
-    return int(body.comm.allreduce(int(held.sum()), op=MPI.SUM))
+    return int(body.comm.allreduce(int(held.sum())))
 
 
 def _middle(patch: FacetPatch, comm: MPI.Comm) -> FloatArray:
     """Middle of a face, metres, shape (3,); collective."""
-    sums = comm.allreduce(np.append(np.einsum("fn,fni->i", patch.whole, patch.x), patch.areas.sum()), op=MPI.SUM)
+    sums = comm.allreduce(np.append(np.einsum("fn,fni->i", patch.whole, patch.x), patch.areas.sum()))
     return sums[:3] / (sums[3] or 1.0)
 
 

@@ -28,8 +28,7 @@ def turn_by_change(vector: FloatArray) -> FloatArray:
         first, second = 0.5, 1.0 / 6.0
     else:
         first, second = (1.0 - math.cos(angle)) / angle**2, (angle - math.sin(angle)) / angle**3
-    turned: FloatArray = np.eye(3) + first * cross + second * cross @ cross
-    return turned
+    return np.eye(3) + first * cross + second * cross @ cross
 
 
 def rotation_vector(R: FloatArray, near: FloatArray) -> FloatArray:

@@ -234,7 +234,7 @@ class _Facets:
         return self._sum(int(np.sum(~fetched(self._comm, starts, group.ravel(), used)))) > 0
 
     def _sum(self, count: int) -> int:
-        return int(self._comm.allreduce(count, op=MPI.SUM))
+        return int(self._comm.allreduce(count))
 
 
 def _from_smallest(quadrilaterals: IntArray) -> IntArray:

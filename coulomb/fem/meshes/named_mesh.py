@@ -179,7 +179,7 @@ class NamedMesh:
         if numbers is not None:
             given = np.unique(on_all_ranks(lambda: np.asarray(numbers, dtype=np.int64), what, self.comm))
             here = np.isin(in_file, given)
-            count = self.comm.allreduce(int(np.sum(here & own)), op=MPI.SUM)
+            count = self.comm.allreduce(int(np.sum(here & own)))
             missing = f"{len(given) - count} of its {len(given)} nodes belong to no cell" if count < len(given) else ""
         elif callable(at):
             here = on_all_ranks(lambda: np.broadcast_to(np.asarray(at(x.T), dtype=bool), len(x)), what, self.comm)
@@ -192,7 +192,7 @@ class NamedMesh:
             found = tree_of(x).query(places)[0] if len(x) else np.full(len(places), np.inf)
             far = np.min(self.comm.allgather(found), axis=0) > near
             missing = f"there is no node at x = {in_words(places[np.argmax(far)])}" if np.any(far) else ""
-        if not missing and self.comm.allreduce(int(np.sum(here)), op=MPI.SUM) == 0:
+        if not missing and self.comm.allreduce(int(np.sum(here))) == 0:
             missing = "it has no nodes"
         if missing:
             raise ValueError(f"{what}: {missing}")

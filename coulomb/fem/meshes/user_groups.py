@@ -75,13 +75,13 @@ def faces_of(domain: Any, given: Any, what: str) -> tuple[Groups, dict[str, str]
         if not isinstance(name, str) or not name:
             raise ValueError(f"{what}: faces: the name of a face must be a word, but is {name!r}")
         facets = on_all_ranks(partial(_facets, domain, one), of, comm)
-        if count := comm.allreduce(int(np.sum(~np.isin(facets, boundary))), op=MPI.SUM):
+        if count := comm.allreduce(int(np.sum(~np.isin(facets, boundary)))):
             raise ValueError(
                 f"{of}: {count} of its facets are not on the boundary of the mesh: use "
                 "mesh.locate_entities_boundary(domain, 2, ...)"
             )
         found[name] = facets
-        if comm.allreduce(len(facets), op=MPI.SUM) == 0:
+        if comm.allreduce(len(facets)) == 0:
             raise ValueError(f"{of} has no facets")
     return found, {}
 
@@ -177,7 +177,7 @@ def _of_tags(
     refused: dict[str, str] = {}
     for value in _values(tags, comm):
         name, facets = _name(value, names), _facets(domain, tags.find(value))
-        if count := comm.allreduce(int(np.sum(~np.isin(facets, boundary))), op=MPI.SUM):
+        if count := comm.allreduce(int(np.sum(~np.isin(facets, boundary)))):
             refused[name] = f"face {name!r} of the MeshTags has {count} facets inside the body"
         else:
             found[name] = facets
