@@ -117,8 +117,7 @@ class MeshTable(Table):
 
     def mesh(self, comm: MPI.Comm, poisson: float = 0.0) -> coulomb.NamedMesh:
         """What the table describes, for a material with this Poisson's ratio: tetrahedra of first order that would lock
-        are made second order, unless `degree` says otherwise; ValueError on every rank, if the file cannot be read or
-        used."""
+        are made second order, unless `degree` says otherwise; ValueError on every rank if the file is unusable."""
         from ..fem.bodies import LOCKING_ABOVE
         from ..fem.meshes import read_xdmf
 
@@ -175,8 +174,7 @@ class RotateTable(Table):
 
 
 class BodyTable(MeshTable):
-    """One of several bodies: the keys of a mesh, its material, where it is (rotated, then translated), and its gravity,
-    in place of that of the case."""
+    """One of several bodies: the keys of a mesh, material, place (rotated, then translated), its own gravity."""
 
     name: BodyName
     material: MaterialTables

@@ -122,8 +122,7 @@ class ClampTable(PrescribedDisplacementTable):
 
 
 class PrescribedRotationTable(Table):
-    """Prescribed rotation of a face: a point of the axis in metres, its direction, and the angle in radians, or
-    degrees."""
+    """Prescribed rotation of a face: a point of the axis in metres, its direction, the angle in radians or degrees."""
 
     face: Name
     point: Vector

@@ -33,8 +33,7 @@ class FacePairTable(Table):
 
 
 class TieTable(FacePairTable, LastingTable):
-    """Two faces that are glued to each other: after `begin` as they are then, until `end`, and from `reaches` on as
-    before deformation."""
+    """Two faces glued to each other: after `begin` as they are then, until `end`, from `reaches` on as undeformed."""
 
     def tie(self) -> coulomb.Tied:
         return coulomb.Tied(self.face, self.against, self.slave, **self.lasting)
@@ -92,8 +91,7 @@ class TermTable(Table):
 
 
 class EquationTable(Table):
-    """Terms whose sum is a constant in metres, the displacement of the first being eliminated; or stretches a spring of
-    a `stiffness`."""
+    """Terms whose sum is a constant, metres: the first displacement is eliminated; or a spring of a `stiffness`."""
 
     terms: Annotated[tuple[TermTable, ...], Field(min_length=1, max_length=ROWS)]
     constant: Number = 0.0

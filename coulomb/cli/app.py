@@ -147,8 +147,7 @@ def run(
 
 
 def _too_large(settings: Case, target: Path) -> bool:
-    """Whether the answer of a deck that allows large motions does not count since motions are large; the same on every
-    rank."""
+    """Whether a deck that allows large motions has an answer that does not count, as they are large; on every rank."""
     if settings.deck is None or not settings.deck.nonlinear or settings.solver.kinematics == "large":
         return False
 

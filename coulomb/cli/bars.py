@@ -126,8 +126,7 @@ _OF_ANSWER: Final = 1e-6
 
 
 class TaylorTest:
-    """What answers of a changed case leave over after its derivatives, which falls with the square of the change;
-    collective."""
+    """What answers of changed cases leave over after derivatives: it falls with the square of the change."""
 
     def __init__(self, settings: Case, like: Solution):
         self._settings, self._like, self._over = settings, like, Reductions(like.problem.comm)

@@ -57,8 +57,7 @@ def refuse_unwritable(target: Path) -> None:
 
 
 def refuse_too_large(problem: ContactProblem, raised: Sequence[str] = ()) -> None:
-    """A ValueError on every rank if a node has too little free memory, with what would fit, and the bodies whose order
-    was `raised`; collective."""
+    """ValueError on every rank if memory is short, with what would fit and the bodies of `raised` order; collective."""
     needed, fits = problem.body.memory(), least_room(problem.comm)
     if needed <= fits:
         return

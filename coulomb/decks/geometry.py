@@ -73,8 +73,7 @@ class _Instance:
         return (x + self.shift - self.about) @ self.turn.T + self.about if self.name else x
 
     def turn_frame(self, card: Card) -> None:
-        """Let the frame of an *ORIENTATION or *TRANSFORM go with the part: the axis of a cylinder as its places, other
-        axes with the rotation."""
+        """Let an *ORIENTATION or *TRANSFORM go with the part: a cylinder's axis as places, others by the rotation."""
         points: FloatArray = card.vector(0, 6).reshape(2, 3)
         of_cylinder = (card.key("SYSTEM") or card.key("TYPE")).startswith("C")
         points = self.place(points) if of_cylinder else points @ self.turn.T
@@ -385,8 +384,7 @@ class Geometry:
 
     @cached_property
     def section(self) -> str:
-        """The kind of slice of which a deck without solid elements has the section, "" of others; ValueError if there
-        are elements of several kinds."""
+        """The kind of slice of a deck without solid elements, else ""; ValueError for elements of several kinds."""
         kinds = {SLICES[name[:3]]: name for name in self.elements if SECTION.match(name)}
         if not kinds or any(SOLID.match(name) for name in self.elements):
             return ""

@@ -1,5 +1,4 @@
-"""Amounts below the accuracy of an answer, shown as 0 (`units.rounded`) by terminal, report and pictures.  Standard
-library only."""
+"""Amounts below the accuracy of an answer, shown as 0 (`units.rounded`) by terminal and pictures.  Standard library."""
 
 from __future__ import annotations
 

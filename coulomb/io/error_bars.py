@@ -111,8 +111,7 @@ class ErrorBar:
 
     @property
     def bar(self) -> FloatArray:
-        """Estimated bound of |value - exact value|, of each component: the sum of the parts; nan where the total does
-        not converge."""
+        """Estimated bound of |value - exact value|, of each component: the parts' sum; nan where it diverges."""
         return self.discretisation + self.contact + self.algebraic + self.geometry
 
     def entry(self) -> dict[str, Any]:

@@ -74,8 +74,7 @@ def lengths(vectors: FloatArray) -> FloatArray:
 
 
 def largest_motions(component: IntArray, u: FloatArray, over: Reductions) -> FloatArray:
-    """Largest component of the displacements u (k, 3) in the component of the meshes of each node, metres, shape (k,);
-    collective."""
+    """Largest entry of displacements u (k, 3) in the component of the meshes of each node, metres, (k,); collective."""
     count = 1 + int(over.max(component.astype(np.float64)))
     return _Bodies(component, count, over).largest(np.max(np.abs(u), axis=1))[component]
 

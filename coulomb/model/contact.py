@@ -138,8 +138,7 @@ class PressureFriction:
             )
 
     def factors(self, area: FloatArray, factor: float) -> tuple[FloatArray, FloatArray]:
-        """F times a factor, and the normal forces in newtons at which it is given, at nodes of areas (k,) in m^2;
-        shapes (k, points)."""
+        """F times a factor, and the normal forces, newtons, at which it is given, at areas (k,), m^2; (k, points)."""
         return np.tile(np.multiply(factor, self.coefficients), (len(area), 1)), np.multiply.outer(area, self.pressures)
 
 

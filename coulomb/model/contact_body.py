@@ -226,8 +226,7 @@ class ContactBody:
         return known
 
     def surface_of(self, elasticity: Deformable, time: float, poses: FloatArray | None) -> ContactSurface:
-        """The contact surface of the bodies as they are at a time, with foundations under load in these poses;
-        collective."""
+        """The contact surface of the bodies at a time, with foundations under load in these poses; collective."""
         there = self._of(elasticity, time)
         return there.surface(there.foundation_motions(time, poses), time, elasticity)
 
@@ -314,8 +313,7 @@ class ContactBody:
         refuse_held_inside(self.contacts, self.foundations, self.held_in_pairs, elasticity, time, given, exact)
 
     def foundation_motions(self, time: float, poses: FloatArray | None = None) -> tuple[RigidMotion, ...]:
-        """Of all foundations at a time, of those under load with their `ContactState.poses`, by default 0;
-        collective."""
+        """Of foundations at a time, of those under load with their `ContactState.poses`, by default 0; collective."""
         return self._faces.foundation_motions(time, poses, self.motion_factors)
 
     @cached_property
@@ -346,8 +344,7 @@ class ContactBody:
         return off, depths
 
     def recorded_poses(self, contents: Mapping[str, Any]) -> FloatArray | None:
-        """`ContactState.poses` as a summary.json has them; None without foundations under load; ValueError if it does
-        not fit."""
+        """`ContactState.poses` as a summary.json has them; None without any; ValueError if it does not fit."""
         names = self.foundation_loads.names
         if not names:
             return None
@@ -362,8 +359,7 @@ class ContactBody:
         return poses
 
     def recorded_turns(self, contents: Mapping[str, Any]) -> FloatArray | None:
-        """`State.turns` as a summary.json has them; None in small motions, and without rigid faces; ValueError if it
-        does not fit."""
+        """`State.turns` as a summary.json has them; None without rigid faces or large motions; ValueError if unfit."""
         motions = self.elasticity.constraints.motions
         if not any(one.finite for one in motions):
             return None
@@ -464,8 +460,7 @@ class ContactBody:
     def _spins_and_origin(
         self, motions: Sequence[RigidMotion], surface: ContactSurface, time: float, before: State | None
     ) -> tuple[tuple[Spin | None, ...], FloatArray]:
-        """Given rotations of the foundations, and the displacement from which slip counts, after a load step;
-        collective."""
+        """Given rotations of foundations, and the displacement from which slip counts, after a step; collective."""
         start = time if before is None else before.time
         then = self.foundation_motions(start, None if before is None else before.poses)
         carried = surface.components(since_at(motions, then, surface.part, surface.x))

@@ -322,8 +322,7 @@ class LinearProblem:
         return closed
 
     def displacement(self, x: FloatArray) -> FloatArray:
-        """K^-1 (f - B^T x) in metres, before free motions, this rank's nodes, shape (k, 3); x in newtons, shape (3 m,);
-        collective."""
+        """K^-1 (f - B^T x) in metres, before free motions, of own nodes (k, 3); x in newtons, (3 m,); collective."""
         free_u = self.elasticity.reduction.reduced(self.free_displacement, self.loading.apart)
         u = self.elasticity.reduction.displacement(self.A.displacement(x, self.f, free_u.ravel()).reshape(-1, 3))
         u = u + self.loading.prescribed  # exactly, which a solver holds to its tolerance only

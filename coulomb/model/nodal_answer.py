@@ -235,8 +235,7 @@ class NodalAnswer:
 
     @cached_property
     def work_at_end(self) -> FloatArray:
-        """Friction at the end of the load step times its slip, joules, shape (m,): over its time, the power of friction
-        at the end."""
+        """Friction at the end of the load step times its slip, joules, shape (m,): over its time, the power."""
         return np.sum(self.force[:, 1:] * self.relative_displacement[:, 1:], axis=1)
 
     @cached_property
@@ -447,8 +446,7 @@ def carrying(opposite: scipy.sparse.csr_matrix, area: FloatArray) -> scipy.spars
 
 
 def spreading(points: ContactPoints, matrix: scipy.sparse.csr_matrix) -> Spread:
-    """Multiplication by the transpose of a matrix (m, nodes), of which every rank has the rows of its contact points;
-    collective."""
+    """Multiplication by the transpose of a matrix (m, nodes), with the rows of own contact points; collective."""
     size = points.space.numbering
 
     def spread(values: FloatArray) -> FloatArray:

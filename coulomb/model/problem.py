@@ -252,8 +252,7 @@ class ContactProblem(DiscreteProblem):
         self._pose(given, None, ())
 
     def _pose(self, given: Mapping[str, Any], known: ContactBody | None, changed: Collection[str]) -> None:
-        """Take these arguments, with all that is the same as of a known body, since which they have other values;
-        collective."""
+        """Take these arguments, with all that is the same of a known body, which had other values; collective."""
         mode, started, time, large = (
             known_mode(given["small_strain"]),
             now(),

@@ -225,8 +225,7 @@ class Solution:
 
     @property
     def rigid_faces(self) -> tuple[RigidFaceMotion, ...]:
-        """Motion of every rigid face, and the force and moment that hold what is prescribed, in their order;
-        collective."""
+        """Motion of every rigid face, and force and moment that hold what is prescribed, in order; collective."""
         return self.force_balance.rigid_faces
 
     @property
@@ -241,8 +240,7 @@ class Solution:
 
     @property
     def loaded_foundations(self) -> tuple[RigidFaceMotion, ...]:
-        """Motion of every foundation under load, in addition to what is given, and force and moment of contact on it;
-        collective."""
+        """Motion of every foundation under load, beside that given, and force and moment of contact; collective."""
         return self.force_balance.loaded_foundations
 
     @cached_property
@@ -434,8 +432,7 @@ class Solution:
         return late_bound["plot"](self, field, scale, view)
 
     def plot_history(self) -> Any:
-        """A matplotlib figure of residuals and CG iterations by step of the solver; collective, None on ranks other
-        than 0."""
+        """A matplotlib figure of residuals and CG iterations by step; collective, None on ranks but 0."""
         return late_bound["plot_history"](self)
 
     def __repr__(self) -> str:

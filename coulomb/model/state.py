@@ -118,8 +118,7 @@ class Forces:
 
 
 def coefficients_work(then: Forces, now: Forces, over: Reductions) -> float:
-    """Work in joules of a change of the stiffness from K0 to K1 in a step: (u0 . K1 u1 - u1 . K0 u0) / 2;
-    collective."""
+    """Work, joules, of a change of the stiffness from K0 to K1 in a step: (u0 . K1 u1 - u1 . K0 u0) / 2; collective."""
     return 0.5 * (over.dot(then.displacement, now.kept) - over.dot(now.displacement, then.kept))
 
 

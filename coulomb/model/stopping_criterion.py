@@ -159,8 +159,7 @@ class StoppingCriterion:
         return last[2]
 
     def with_zeros(self, x: FloatArray, alpha: FloatArray = NO_MOTION) -> tuple[FloatArray, FloatArray]:
-        """The forces with exact zeros, newtons, shape (3 m,), and their displacement, metres, shape (k, 3);
-        collective."""
+        """The forces with exact zeros, newtons, shape (3 m,), and the displacement, metres, (k, 3); collective."""
         return self._zeros_by_product(x, alpha) or self._zeros_by_displacement(x, alpha)
 
     def _zeros_by_product(self, x: FloatArray, alpha: FloatArray) -> tuple[FloatArray, FloatArray] | None:
@@ -197,8 +196,7 @@ class StoppingCriterion:
         return within or self(x, alpha)
 
     def gradient(self, x: FloatArray) -> FloatArray:
-        """A x - b in metres of the forces x in newtons, shapes (3 m,): remaining gap and slip, before free motions;
-        collective."""
+        """A x - b in metres of forces x in newtons, (3 m,): remaining gap and slip, before free motions; collective."""
         remaining = -self._problem.relative_displacement(self._displacement(x))
         remaining[:, 0] += self._problem.surface.gap
         return remaining.ravel()
@@ -250,8 +248,7 @@ def _worst(problem: DiscreteProblem, result: SolverResult) -> str:
 
 
 def implausible_sizes(problem: DiscreteProblem) -> str:
-    """That what is prescribed is much larger than the bodies, as from another unit, in words; empty if it is not;
-    collective."""
+    """That what is prescribed is much larger than the bodies, as by another unit, in words; else empty; collective."""
     over, x = Reductions(problem.comm), problem.elasticity.x
     size = float(np.linalg.norm(over.extent(x)))
     prescribed = over.max(np.linalg.norm(problem.loading.prescribed, axis=1))

@@ -24,8 +24,7 @@ from .mean_dilatation import MEAN_ABOVE, linear_hexahedra, mean_dilatation
 
 
 class HexahedralForces:
-    """Nodal forces of the cells that this rank owns, on linear hexahedra; mu and lame are constant on every cell,
-    pascals."""
+    """Nodal forces of the cells that this rank owns, on linear hexahedra; mu and lame of every cell, pascals."""
 
     def __init__(self, V: Any, mu: Any, lame: Any):
         self._V = V
@@ -147,8 +146,7 @@ class ElasticBody(DisplacementSpace):
         return self._on_cells(found, "mean")
 
     def thermal_force(self, change: FloatArray) -> FloatArray:
-        """Nodal forces in newtons, shape (k, 3), that cause the thermal strain of a change of temperature (k,) in
-        kelvin."""
+        """Nodal forces in newtons, shape (k, 3), that cause the thermal strain of a change (k,) in kelvin."""
         return self._assemble(fem.form(ufl.inner(self._thermal_stress(change), strain(self._test)) * self._dx))
 
     def thermal_work(self, u: FloatArray, v: FloatArray, change: FloatArray) -> FloatArray:
@@ -226,8 +224,7 @@ class ElasticBody(DisplacementSpace):
         return self._stress(u) if self._mean is None else self._stress(u) + self._tension * ufl.Identity(3)
 
     def at_midpoints(self, s: Any) -> Any:
-        """DOLFINx Expression of the components of a stress s of UFL, in the order of `PAIRS`, at the cells'
-        midpoints."""
+        """Expression of the components of a stress s of UFL, in the order of `PAIRS`, at the cells' midpoints."""
         midpoints = compat.interpolation_points(self._per_cell((6,)))
         return fem.Expression(ufl.as_vector([s[pair] for pair in PAIRS]), midpoints)
 
@@ -295,8 +292,7 @@ def cell_measure(domain: Any) -> Any:
 
 
 def varying_signs(x: FloatArray, comm: MPI.Comm) -> FloatArray:
-    """1 or -1 for every component of the nodes x (k, 3), varying from node to node, the same on any ranks;
-    collective."""
+    """1 or -1 for every component of the nodes x (k, 3), varying by node, the same on any ranks; collective."""
     size = float(comm.allreduce(np.max(np.abs(x), initial=0.0), op=MPI.MAX)) or 1.0
     waves = np.array([[1e4, 2e4, 3e4], [5e4, 4e4, 7e4], [9e4, 8e4, 6e4]])
     return np.where(np.sin(x / size @ waves) > 0, 1.0, -1.0)

@@ -63,8 +63,7 @@ class CompiledForm:
 
 
 def compiled(form: Any, what: str, comm: MPI.Comm) -> CompiledForm:
-    """A form, compiled by DOLFINx unless it is already; ValueError on every rank, beginning with `what`, if it cannot
-    be; collective."""
+    """A form, compiled unless it is already; ValueError on every rank, from `what` on, if it cannot be; collective."""
     if isinstance(form, CompiledForm):
         return form
     if compat.is_compiled(form):
@@ -115,8 +114,7 @@ def _has_one_point(integral: Any) -> bool:
 
 
 def with_own_degrees(form: Any) -> Any:
-    """A form whose integrals have the degrees of quadrature by which FFCx would compute them, so that its derivatives
-    are computed by the same."""
+    """A form with the degrees of quadrature that FFCx would take, so that its derivatives are computed by the same."""
     steps = ("function_pullbacks", "integral_scaling", "geometry_lowering", "restrictions")
     kept = {"preserve_geometry_types": (ufl.classes.Jacobian,), "do_append_everywhere_integrals": False}
     data = ufl.algorithms.compute_form_data(form, **{f"do_apply_{step}": True for step in steps}, **kept)

@@ -102,8 +102,7 @@ class DisplacementSpace:
         return 1 if self.V.dofmap.dof_layout.num_dofs in (4, 8) else 2
 
     def function(self, u: FloatArray, name: str = "displacement", fields: Callable[[str], Any] | None = None) -> Any:
-        """DOLFINx Function of nodal vectors (k, 3) of this rank, one that gives other fields by name if these are
-        given; collective."""
+        """DOLFINx Function of nodal vectors (k, 3) of this rank, with other fields by name if given; collective."""
         function = fem.Function(self.V, name=name) if fields is None else DisplacementFunction(self.V, name, fields)
         function.x.array[: 3 * self._owned] = u.ravel()
         function.x.scatter_forward()
@@ -182,8 +181,7 @@ class DisplacementSpace:
         return self._integral("area", facets, area)
 
     def normal_of(self, facets: Int32Array) -> FloatArray:
-        """Integral of the outward normal against every hat function over boundary facets, m^2, shape (k, 3);
-        collective."""
+        """Integral of the outward normal against hat functions over boundary facets, m^2, shape (k, 3); collective."""
 
         def normal() -> FloatArray:
             n = ufl.FacetNormal(self.domain)

@@ -344,8 +344,7 @@ def largest_poisson(materials: Materials) -> float:
 
 
 def locking_by_volume(bodies: Deformable) -> list[str]:
-    """Warnings of first-order bodies of a material, or forms, near incompressibility without mean dilatations;
-    collective."""
+    """Warnings of first-order materials, or forms, near incompressibility without mean dilatations; collective."""
     found = []
     for member in bodies.members:
         if member.body.materials is None and member.body.locks:

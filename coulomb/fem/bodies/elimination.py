@@ -211,8 +211,7 @@ class ReducedBodies(HeldNodes, ABC):
         return self._made.reduced
 
     def interpolation(self) -> PETSc.Mat:
-        """From linear displacements to unknowns of second order, with their rigid body modes as near-nullspace; for
-        multigrid; collective."""
+        """From linear displacements to unknowns of second order, with the near-nullspace; for multigrid; collective."""
         linear, x, numbering = self.interpolated()
         second = np.zeros(len(self.x), dtype=bool)
         for member in self.members:

@@ -118,8 +118,7 @@ _FREE: Final = 1e-12
 
 @dataclass
 class _SharedState:
-    """What the copies of a body share: the last time of the callable, what was made last of the stiffness, and whether
-    its cells lock, in words."""
+    """What copies of a body share: the last time of the callable, what was made last, whether cells lock, in words."""
 
     time: float | None = None
     made: Made | None = None

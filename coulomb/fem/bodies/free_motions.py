@@ -68,8 +68,7 @@ def _extremes(x: FloatArray, nodes: IntArray, comm: MPI.Comm) -> IntArray:
 
 
 def _pivots(R: FloatArray, nodes: IntArray, comm: MPI.Comm) -> tuple[BoolArray, float]:
-    """The pivots of the rows of R (n, 3, q) at some of this rank's nodes, shape (n, 3), and the size of the last;
-    collective."""
+    """The pivots of the rows of R (n, 3, q) at some nodes, shape (n, 3), and the size of the last; collective."""
     found, size = np.zeros(R.shape[:2], dtype=bool), 0.0
     rows = R[nodes]
     for _ in range(R.shape[2]):
@@ -355,8 +354,7 @@ def openings(
     amounts: FloatArray, sections: Sequence[Section]
 ) -> tuple[FloatArray, list[tuple[str, RigidPart, FloatArray]]]:
     """The combinations of q motions that change the lengths of bolts, by the amounts (bolts, q) of each: of every bolt
-    by itself where that is possible, shape (q, p); and of each what it is called, where it is, and along which
-    direction."""
+    by itself where that is possible, shape (q, p); and the name, place and direction of each."""
     left, sizes, right = np.linalg.svd(amounts)
     rank = int(np.sum(sizes > SHORTENS))
     bolts = left[:, :rank]

@@ -30,8 +30,7 @@ from .rigid_modes import Wrench, component_modes, null_space
 from .ties import Bolt, FaceMotion, Follower, LinkedNodes, Section, Tie
 
 TIE_STRESSES = ("peel_stress", "shear_stress")
-"""Tractions of ties at slave nodes: along the outward normal, positive where the tie pulls, and the size of the part
-across it."""
+"""Tractions of ties at slave nodes: along the outward normal, positive where it pulls, and the size across it."""
 
 _ROUNDING: Final = 2.0**-46
 """Displacement of slave nodes that is left, over the largest displacement, that is a rounding error."""
@@ -224,8 +223,7 @@ class Constraints:
     # --- free motions -------------------------------------------------------------------------------------------------
 
     def joined(self, component: IntArray, names: tuple[str, ...]) -> tuple[IntArray, tuple[str, ...]]:
-        """The component of every node, where those that move together, or are linked by springs, are one, and their
-        names; collective."""
+        """The component of every node, those that move together, or are linked, being one, and names; collective."""
         return together(self.ties, component, names, self.comm, [] if self._links is None else self._links.nodes)
 
     def opened(
@@ -392,8 +390,7 @@ class Constraints:
         return self.reduction.on_followed(self.lacking(imbalance, time)) if self.ties else np.zeros_like(imbalance)
 
     def shares(self, imbalance: FloatArray, time: float) -> Iterator[NodalForces]:
-        """The forces of every tie on the nodes of its slave face, in the order given; those of ties that do not act are
-        0; collective."""
+        """The forces of every tie on the nodes of its slave face, in order; 0 of those that do not act; collective."""
         forces = self.lacking(imbalance, time)
         for number, tie in enumerate(self.every):
             if self.acting and not self.acting[number]:
@@ -470,8 +467,7 @@ class Constraints:
         return sum((one.forces for one in self.ground_forces(u)), self.link_force(u))
 
     def spring_forces(self, u: FloatArray) -> list[NodalForces]:
-        """The forces of springs at reference points where displacements are u (k, 3), and those of every spring between
-        nodes; collective."""
+        """Forces of springs at reference points, and of each between nodes, at displacements u (k, 3); collective."""
         linked = () if self._links is None else self._links.forces(u)
         pulled = [NodalForces("spring", one.given.face, one.pull(u, self.comm)) for one in self.sprung]
         return pulled + [NodalForces("spring", one.eliminated, forces) for one, forces in linked]

@@ -110,8 +110,7 @@ def relative_error(errors: Iterable[StressError]) -> float:
 
 
 def stress_errors(bodies: Deformable, u: FloatArray, change: FloatArray | None = None) -> dict[str, StressError]:
-    """The errors of the bodies of a problem, by their names ("" if it is the only one); arguments and errors as of
-    `stress_error`; collective."""
+    """The errors of the bodies by their names ("" of the only one); arguments as of `stress_error`; collective."""
     return {
         member.name: stress_error(
             cast(LoadedBody, member.body), u[member.nodes], None if change is None else change[member.nodes]
@@ -198,8 +197,7 @@ def _parts(cells: IntArray) -> Iterator[IntArray]:
 
 
 def _monomials(y: FloatArray, degree: int) -> FloatArray:
-    """Those of places y (..., 3) up to a degree: 1, x, y, z, and in second order the products of `PAIRS`; shape (..., 4
-    or 10)."""
+    """Monomials of places y (..., 3): 1, x, y, z, in second order the products of `PAIRS`; shape (..., 4 or 10)."""
     products = [y[..., i] * y[..., j] for i, j in PAIRS] if degree == 2 else []
     return np.stack([np.ones(y.shape[:-1]), *np.moveaxis(y, -1, 0), *products], axis=-1)
 

@@ -105,8 +105,7 @@ def displacements_of(r: FloatArray, size: FloatArray) -> FloatArray:
 
 
 def component_modes(x: FloatArray, component: IntArray, comm: MPI.Comm) -> tuple[FloatArray, tuple[RigidPart, ...]]:
-    """The six rigid motions of the component of each node, of one metre, shape (k, 3, 6), and the components;
-    collective."""
+    """The six rigid motions of each node's component, of one metre, shape (k, 3, 6), and the components; collective."""
     count = int(comm.allreduce(int(np.max(component, initial=-1)), op=MPI.MAX)) + 1
     number = comm.allreduce(np.bincount(component, minlength=count).astype(np.float64))
     sums = np.stack([np.bincount(component, weights=axis, minlength=count) for axis in x.T], axis=1)

@@ -166,8 +166,7 @@ class FaceMotion:
         return forces
 
     def unit_stiffness(self, x: FloatArray, comm: MPI.Comm) -> FloatArray:
-        """The stiffness (6,) of unit springs at all nodes, of those x (k, 3) of this rank, where the spring has any;
-        collective."""
+        """The stiffness (6,) of unit springs at all nodes, here x (k, 3), where the spring has any; collective."""
         count, square = comm.allreduce(
             np.array([len(self.nodes), np.sum((x[self.nodes] - self.place) ** 2)]), op=MPI.SUM
         )
@@ -244,8 +243,7 @@ class Prescribed:
     amplitudes: tuple[tuple[str, Amplitude], ...]
 
     def at(self, time: float, comm: MPI.Comm) -> FloatArray:
-        """The sum at a time, metres, shape (m, 3); ValueError on every rank if an amplitude has no value then;
-        collective."""
+        """The sum at a time, metres, shape (m, 3); ValueError on every rank if an amplitude has none; collective."""
 
         def factors() -> FloatArray:
             return np.array([evaluate_amplitude(given, time, what) for what, given in self.amplitudes])

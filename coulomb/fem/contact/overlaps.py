@@ -103,8 +103,7 @@ class _Worst(NamedTuple):
 
 
 class _Now(NamedTuple):
-    """The facets of a body that this rank owns, after deformation: the rows at their nodes (f, n, w), and their outward
-    vectors (f, 3)."""
+    """A body's own facets after deformation: the rows at their nodes (f, n, w), and outward vectors (f, 3)."""
 
     rows: FloatArray
     vectors: FloatArray

@@ -103,8 +103,7 @@ def section_of(body: Deformable, given: Pretension, taken: BoolArray) -> Tie:
 
 
 def _outermost(r: FloatArray, n: FloatArray, radius: float, comm: MPI.Comm) -> IntArray:
-    """Which of this rank's nodes, at r (m, 3) from the middle, are the farthest in one of 8 directions across n;
-    collective."""
+    """Which of this rank's nodes, at r (m, 3) from the middle, are farthest in one of 8 directions across n."""
     across = np.cross(n, np.eye(3)[np.argmin(np.abs(n))])
     across /= np.linalg.norm(across)
     angles = 0.125 * np.pi * np.arange(1, 16, 2)[:, None]  # askew to edges

@@ -69,8 +69,7 @@ class Tied(LastingConstraint):
         return f"{self.kind} of {self.face!r} to {self.against!r}"
 
     def turn(self, master: FloatArray, slave: FloatArray) -> Turn | None:
-        """The rotation that takes the master, with its middle at a place (3,) in metres, onto the slave; None if both
-        are where they are."""
+        """The rotation that takes the master, with its middle at a place (3,), metres, onto the slave; or None."""
         return None
 
     def as_made(self, tie: Tie) -> Tied:
@@ -392,8 +391,7 @@ def tie_of(body: Deformable, given: Tied, taken: BoolArray) -> Tie:
 
 
 def _clamped(body: Deformable, face: str, taken: BoolArray) -> int:
-    """Number of nodes of a face that are held along all directions, or follow others already, over all ranks;
-    collective."""
+    """Number of nodes of a face that are held along all directions, or follow others, over all ranks; collective."""
     member, facets = body.face(face, "tie")
     nodes = member.body.nodes_of(facets)
     held = np.trace(member.body.held.projector_at(nodes), axis1=1, axis2=2) > _ALL_HELD

@@ -171,8 +171,7 @@ class _Slabs:
 
     @property
     def gains(self) -> FloatArray:
-        """Of one plane more across x, y and z, the decrease of the squared error over the further cells, but for a
-        factor."""
+        """Of a plane more across x, y, z, the decrease of the squared error over further cells, but for a factor."""
         errors: FloatArray = self._single * self.counts ** (1.0 - self._order)
         return errors / self.cells
 

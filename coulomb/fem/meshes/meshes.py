@@ -144,8 +144,7 @@ def _of_order(
 
 
 def _at_points(domain: Any, values: IntArray) -> IntArray:
-    """Values (k,) at the points of which this rank gave k to make a mesh, at the points that it has of the mesh;
-    collective."""
+    """Values (k,) at the points of which it gave k to make a mesh, at those that it has of the mesh; collective."""
     given = np.asarray(domain.geometry.input_global_indices, dtype=np.int64)  # without cells: empty, of any type
     return fetched(domain.comm, starts_of(domain.comm, len(values)), given, values)
 
@@ -444,8 +443,7 @@ def from_first_rank(comm: MPI.Comm, path: str | Path, sound: InspectedMesh | Non
 
 
 def known_format(path: str | Path, named: bool = False) -> str:
-    """The end of the name of a mesh file; ValueError if the format is not known, or names are given and it has no
-    numbered groups."""
+    """The end of the name of a mesh file; ValueError if unknown, or names are given and it has no numbers."""
     end = Path(path).suffix.lower()
     if end not in mesh_formats.FORMATS:
         raise ValueError(f"{path}: the name of a mesh file must end in one of {mesh_formats.listed()}")

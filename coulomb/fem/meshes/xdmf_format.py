@@ -131,8 +131,7 @@ class XdmfFile:
         return on_all_ranks(read, f"{self.path}: {where} cannot be read", self.comm)
 
     def beside(self, values: XdmfArray, rows: int) -> npt.NDArray[Any]:
-        """The values of an array with one number per row of another one, of which this rank has so many rows;
-        collective."""
+        """The values of an array with one number per row of another, of which here are so many; collective."""
         found = np.ravel(self.part(values, 1))
         theirs, ours = starts_of(self.comm, len(found)), starts_of(self.comm, rows)
         if np.array_equal(theirs, ours):

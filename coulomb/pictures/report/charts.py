@@ -136,8 +136,7 @@ def reactions(run: Run) -> str:
 
 
 def probes(run: Run) -> str:
-    """For a load history: displacement of the probes, and pressure of those in contact, against time; empty without
-    probes."""
+    """For a load history: displacement of probes, and pressure of those in contact, against time; or empty."""
     names = [probe["name"] for probe in run.summary.get("probes", ())][: len(_CURVES)]
     curves = {
         name: [_magnitude(run.rows, f"probe_{name}_displacement"), _column(run.rows, f"probe_{name}_pressure")]

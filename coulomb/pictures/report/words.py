@@ -122,8 +122,7 @@ def _total_in_words(quantity: str) -> str:
 
 
 def friction_in_words(law: Mapping[str, Any]) -> str:
-    """The law of friction with its coefficients, from its numbers in summary.json: Mohr-Coulomb friction 0.3, cohesion
-    2 MPa."""
+    """The law of friction with its numbers in summary.json: Mohr-Coulomb friction 0.3, cohesion 2 MPa."""
 
     def of(name: str, unit: str = "") -> str:
         given = math.nan if law[name] is None else law[name]  # without contact points
