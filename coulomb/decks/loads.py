@@ -67,14 +67,16 @@ class Loads:
                         if kind != "P":
                             raise card.fault(f"loads of kind {words[1]!r} are not read, P and TRVEC are", row)
                         names.setdefault(face, face)
-                        self._refuse_parts(face, pressures, step, card)
+                        if not fresh:
+                            self._refuse_parts(face, pressures, step, card)
                         pressures.give(face, value, step, amplitude)
                     continue
                 for name, (value,), sides in self._of.deck.on_sides(card):
                     of_sides = frozenset(sides)
                     elements = np.concatenate([self._of.deck.elements_of(what) for what, _ in sides])
                     names.setdefault(of_sides, f"{self._of.body_of(elements, '*DLOAD')}{name}")
-                    self._refuse_parts(of_sides, pressures, step, card)
+                    if not fresh:
+                        self._refuse_parts(of_sides, pressures, step, card)
                     pressures.give(of_sides, value, step, amplitude)
                 self._volume_loads(card, volumes, step, amplitude)
             for tracks in every if fresh else ():
@@ -107,7 +109,7 @@ class Loads:
 
     def _refuse_parts(self, key: _Sides, pressures: Tracks[_Sides], step: Step, card: Card) -> None:
         """ValueError if a step presses sides that a step before has pressed together with others: only on these the
-        pressure would change."""
+        pressure would change.  With OP=NEW the loads of the step before go to zero as those of this one come."""
         mine = self._sides(key)
         for other, track in pressures.all:
             if other != key and other not in pressures.given and track.value() and mine & self._sides(other):

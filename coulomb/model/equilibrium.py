@@ -8,11 +8,12 @@ from typing import Final
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.bodies import direction_in_words, in_units, motions_in_words
+from ..fem.bodies import direction_in_words, motions_in_words
 from ..linalg.reductions import Reductions
 from ..solvers.equilibrium import LimitLoad
 from ..solvers.results import NotConverged, SolverResult, Status
 from ..solvers.rigid_motions import MotionBasis, RigidMotions
+from ..units import amount
 from .discrete_problem import DiscreteProblem
 
 _PART: Final = 1e-6
@@ -127,10 +128,10 @@ def _falling(problem: DiscreteProblem, motion: FloatArray, rigid: RigidMotions) 
             work = float(load.force @ one.translation + load.moment @ one.rotation)
             turn, way = float(np.linalg.norm(one.rotation)), float(np.linalg.norm(one.translation))
             if turn * one.part.radius > _MOVING * way:
-                said.append(f"{free.bodies[one.component]}: it {one.tidy(_MOVING)}, under {in_units(work / turn)}N m")
+                said.append(f"{free.bodies[one.component]}: it {one.tidy(_MOVING)}, under {amount(work / turn, 'N m')}")
             else:
                 along = direction_in_words(one.translation, _MOVING)
-                said.append(f"{free.bodies[one.component]} against loads of {in_units(work / way)}N along {along}")
+                said.append(f"{free.bodies[one.component]} against loads of {amount(work / way, 'N')} along {along}")
     return f"there is no equilibrium: nothing holds {'; nor '.join(said)}"
 
 
@@ -168,8 +169,8 @@ def running_away(problem: DiscreteProblem, result: SolverResult) -> str:
             if turn > 0.0:
                 way, unit, where = turn, "N m", f"so that it {one},"
             said.append(
-                f"{free.bodies[load.component]} {where} with {in_units(pushed / way)}{unit}, of which contact holds "
-                f"{in_units(resisted / way)}{unit} in the last iterate"
+                f"{free.bodies[load.component]} {where} with {amount(pushed / way, unit)}, of which contact holds "
+                f"{amount(resisted / way, unit)} in the last iterate"
             )
     return f"no answer found: loads push {' and '.join(said)}"
 

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from conftest import ROOT, run_coulomb
 
-from coulomb import units
+from coulomb import RigidFace, Spring, units
 from coulomb.case.case import Case, read_case
+from coulomb.fem.bodies.rigid_modes import RigidLoad, RigidPart
+from coulomb.pictures.report.problem import _material, ties_and_loads
 from coulomb.units import Units, plain, quantity, vector
 
 MM = [
@@ -67,6 +69,23 @@ def test_numbers_with_units():
     assert plain(quantity(6.8e-13, "m", 2)) == "6.8e-13 mm" and plain(quantity(0.0, "J")) == "0 mJ"
     units.use("in", "psi")
     assert plain(quantity(0.024, "m")) == "0.024 in" and plain(quantity(1.2e4, "N")) == "12000 lbf"
+
+
+def test_words_about_loads_springs_and_the_report():
+    """In N, mm and MPa: 20000 N mm are 20 N m, 7.8e-9 t/mm3 are 7800 kg/m3; numbers as given have the units given."""
+    units.use("mm", "MPa")
+    part = RigidPart(np.zeros(3), 50.0)
+    assert str(RigidLoad(0, part, np.zeros(3), np.array([0.0, 0.0, 2e4]))).startswith(
+        "around z through (0, 0, 0) with 20 N m"
+    )
+    assert Spring("front", 7.0).holds == "stiffness 7 N/mm^3"
+    assert RigidFace("top", translation_stiffness=(1, 2, 3)).holds.startswith(
+        "stiffness (1, 2, 3) N/mm and (0, 0, 0) N mm/rad"
+    )
+    case = {"gravity": [0.0, 0.0, -9810.0], "body_force": ["x", 0.0, 0.0]}
+    said = {name: text.replace(units.NARROW, " ") for name, text in ties_and_loads(case)}
+    assert said == {"gravity": "(0, 0, −9810) mm/s²", "body force": "(x, 0, 0) N/mm³"}
+    assert "7800 kg/m³" in _material({"young": 2.1e5, "poisson": 0.3, "density": 7.8e-9})
 
 
 def test_degrees():

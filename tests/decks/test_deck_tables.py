@@ -431,6 +431,8 @@ def test_loads_that_are_given_twice(tmp_path):
     assert len(tables_of(tmp_path, sets + STEP.format(twice) * 2).tables["pressure"]) == 1
     with pytest.raises(ValueError, match=r"\*DLOAD: presses some of the sides that a step before presses with others"):
         tables_of(tmp_path, sets + STEP.format(twice) + STEP.format("*DLOAD\n2, P2, 8."))
+    new = tables_of(tmp_path, sets + STEP.format(twice) + STEP.format("*DLOAD, OP=NEW\n2, P2, 8.")).tables["pressure"]
+    assert [table["amplitude"][-1] for table in new] == [[2.0, 0.0], [2.0, 1.0]]
 
 
 def test_loads_of_other_kinds(tmp_path):

@@ -89,7 +89,6 @@ from .rigid_modes import (
     component_modes,
     direction_in_words,
     displacements_of,
-    in_units,
     null_space,
     of_components,
     of_part,

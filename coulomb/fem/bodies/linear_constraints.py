@@ -19,6 +19,7 @@ import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray, IntArray
+from ...units import used
 from ..meshes import fetched, starts_of
 from .constraints import HeldNodes, at_nodes_of, distributed_rows
 from .finite_motions import turned_section, turned_tie
@@ -446,7 +447,8 @@ class Constraints:
     def springs(self) -> list[dict[str, Any]]:
         """Kind, face and what it holds of each of these springs, and of those between nodes."""
         found = [(motion.given.face, motion.given.holds) for motion in self.sprung]
-        found += [(one.eliminated, f"stiffness {one.stiffness:g} N/m between nodes") for one in self.link_equations]
+        unit = used().name("N/m")
+        found += [(one.eliminated, f"stiffness {one.stiffness:g} {unit} between nodes") for one in self.link_equations]
         return [{"kind": "spring", "face": face, "holds": holds} for face, holds in found]
 
     def with_links(self, rows: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:

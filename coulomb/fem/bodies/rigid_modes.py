@@ -10,6 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ...arrays import BoolArray, FloatArray, IntArray
+from ...units import amount
 
 SMALL: Final = 1e-3
 """Parts of loads and directions below this are not worth a word."""
@@ -36,30 +37,22 @@ class RigidLoad:
 
     def scaled(self, factor: float) -> str:
         """The amounts of a part of it, in words."""
-        return " and ".join(amount for amount, _ in self._said(factor))
+        return " and ".join(size for size, _ in self._said(factor))
 
     def __str__(self) -> str:
-        return " and ".join(f"{where} with {amount}" for amount, where in self._said(1.0))
+        return " and ".join(f"{where} with {size}" for size, where in self._said(1.0))
 
     def _said(self, factor: float) -> list[tuple[str, str]]:
         """Amount and direction of the force and of the moment, those that are no rounding errors."""
         force, moment = (float(np.linalg.norm(vector)) for vector in (self.force, self.moment))
         said = []
         if force > SMALL * self.size:
-            said.append((f"{in_units(factor * force)}N", f"along {direction_in_words(self.force, SMALL)}"))
+            said.append((f"{amount(factor * force, 'N')}", f"along {direction_in_words(self.force, SMALL)}"))
         if moment > SMALL * self.size * self.part.radius:
             place = ", ".join(f"{value:.4g}" for value in tidy(self.part.centre, self.part.radius))
             axis = direction_in_words(self.moment, SMALL)
-            said.append((f"{in_units(factor * moment)}N m", f"around {axis} through ({place})"))
+            said.append((f"{amount(factor * moment, 'N m')}", f"around {axis} through ({place})"))
         return said
-
-
-def in_units(value: float) -> str:
-    """A number with three digits and the prefix of its unit, "7.3 M"."""
-    for power, prefix in ((9, "G"), (6, "M"), (3, "k")):
-        if abs(value) >= 0.9995 * 10.0**power:
-            return f"{value / 10.0**power:.3g} {prefix}"
-    return f"{value:.3g} "
 
 
 def direction_in_words(vector: FloatArray, part: float = SMALL) -> str:

@@ -308,7 +308,7 @@ class PrescribedRotation:
     def holds(self) -> str:
         along = "" if self.axial == "held" else ", free along it"
         axis, point = vector_in_words(self.axis), vector_in_words(self.point)
-        return f"rotation {self.angle:g} rad about {axis} through {point} m{along}"
+        return f"rotation {self.angle:g} rad about {axis} through {point} {used().name('m')}{along}"
 
     @property
     def _unit_axis(self) -> FloatArray:
@@ -358,7 +358,7 @@ class Spring:
     @property
     def unit(self) -> str:
         """That of the stiffness."""
-        return "N/m" if self.at_nodes else "N/m^3"
+        return used().name("N/m" if self.at_nodes else "N/m³").replace("³", "^3")
 
     @property
     def along_axes(self) -> FloatArray:

@@ -11,6 +11,7 @@ import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import BoolArray, FloatArray, IntArray
+from ...units import used
 from ..geometry import Amplitude, evaluate_amplitude, on_all_ranks
 from .lasting_supports import Lasting
 from .rigid_modes import Wrench, displacements_of
@@ -55,7 +56,7 @@ class GivenFace:
             "(" + ", ".join(f"{float(one):g}" for one in given) + ")"
             for given in (self.translation_stiffness, self.rotation_stiffness)
         )
-        return f"stiffness {along} N/m and {about} N m/rad at its reference point"
+        return f"stiffness {along} {used().name('N/m')} and {about} {used().name('N m/rad')} at its reference point"
 
 
 _SAME_TIME: Final = 1e-9

@@ -10,7 +10,7 @@ import numpy as np
 from ...arrays import FloatArray
 from ...contact_fields import named_faces
 from ...load_curve import LoadCurve
-from ...units import in_seconds, number, quantity, vector
+from ...units import in_seconds, number, quantity, used, vector
 from .files import Run
 from .grids import blocks_of
 from .words import friction_in_words, in_nodes
@@ -97,18 +97,19 @@ def ties_and_loads(case: dict[str, Any]) -> Facts:
     for heat in case.get("heat", ()):
         kinds = {"temperature": "temperature of", "flux": "heat flux into", "film": "film on", "source": "heat in"}
         kind = next(name for name in kinds if name in heat)
-        units = {"temperature": "", "flux": " W/m²", "film": " W/(m² K)", "source": " W/m³"}
+        units = {"temperature": "", "flux": "W/m²", "film": "W/(m² K)", "source": "W/m³"}
         beyond = f", {number_at(heat['ambient'])} beyond" if "ambient" in heat else ""
         where = heat.get("face") or heat.get("body") or "all bodies"
-        value = number_at(heat[kind]) + units[kind] + beyond + in_time(heat.get("amplitude"))
+        value = f"{number_at(heat[kind])} {used().name(units[kind])}".strip() + beyond + in_time(heat.get("amplitude"))
         facts.append((f"{kinds[kind]} {where}", value))
     for key, name, unit in (("body_force", "body force", "N/m³"), ("gravity", "gravity", "m/s²")):
         value = case.get(key, ())
         if any(value):
-            facts.append((name, f"{_bare(value)} {unit}{in_time(case.get(f'{key}_amplitude'))}"))
+            facts.append((name, f"{_bare(value)} {used().name(unit)}{in_time(case.get(f'{key}_amplitude'))}"))
     for body in case.get("body", ()):
         if (own := body.get("gravity")) is not None:
-            facts.append((f"gravity on {body['name']}", f"{_bare(own)} m/s²{in_time(case.get('gravity_amplitude'))}"))
+            shown = f"{_bare(own)} {used().name('m/s²')}{in_time(case.get('gravity_amplitude'))}"
+            facts.append((f"gravity on {body['name']}", shown))
     return facts
 
 
@@ -116,13 +117,13 @@ def _with_unit(value: float | str | Sequence[float | str], unit: str) -> str:
     """A number or a vector, whose components may be expressions of place."""
     if isinstance(value, Sequence) and not isinstance(value, str):
         return vector_at(value, unit)
-    return f"{value} {unit}" if isinstance(value, str) else quantity(value, unit)
+    return f"{value} {used().name(unit)}" if isinstance(value, str) else quantity(value, unit)
 
 
 def vector_at(value: Sequence[float | str], unit: str) -> str:
     """A vector, whose components may be expressions of place."""
     numbers = [component for component in value if not isinstance(component, str)]
-    return vector(numbers, unit) if len(numbers) == len(value) else f"{_bare(value)} {unit}"
+    return vector(numbers, unit) if len(numbers) == len(value) else f"{_bare(value)} {used().name(unit)}"
 
 
 def number_at(value: float | str) -> str:
@@ -188,13 +189,13 @@ def _material(material: dict[str, Any]) -> str:
         young = material["young"] if isinstance(material["young"], str) else quantity(material["young"], "Pa")
         text = f"Young's modulus {young}, Poisson's ratio {number(material['poisson'])}"
     if "density" in material:
-        text += f", density {number(material['density'])} kg/m³"
+        text += f", density {number(material['density'] * used().factor('kg/m³'))} kg/m³"
     if "expansion" in material:
         given = material["expansion"]
         values = given if isinstance(given, list) else [given]
         text += f", thermal expansion {', '.join(map(number, values))} 1/K"
     if "conductivity" in material:
-        text += f", conductivity {number(material['conductivity'])} W/(m K)"
+        text += f", conductivity {number(material['conductivity'])} {used().name('W/(m K)')}"
     return text
 
 
@@ -237,7 +238,8 @@ def _changing_friction(contact: dict[str, Any], where: str) -> Facts:
     law = contact.get("friction")
     if isinstance(law, dict):
         static, kinetic, speed = (number_at(law[key]) for key in ("static", "kinetic", "decay_speed"))
-        facts.append((f"friction by slip rate{where}", f"static {static}, kinetic {kinetic}, decay speed {speed} m/s"))
+        shown = f"static {static}, kinetic {kinetic}, decay speed {speed} {used().name('m/s')}"
+        facts.append((f"friction by slip rate{where}", shown))
     if contact.get("friction_amplitude"):
         facts.append((f"friction in time{where}", in_time(contact["friction_amplitude"]).removeprefix(", ")))
     return facts
@@ -260,7 +262,11 @@ def _foundation(contact: dict[str, Any], where: str) -> Facts:
         facts.append((f"foundation{where}", "the plane of the face"))
     if contact.get("gap"):
         given, in_steps = contact["gap"], in_time(contact["gap_amplitude"]) if contact.get("gap_amplitude") else ""
-        source = f"{given['field']} of {given['file']}" if isinstance(given, dict) else f"{number_at(given)} m"
+        source = (
+            f"{given['field']} of {given['file']}"
+            if isinstance(given, dict)
+            else f"{number_at(given)} {used().name('m')}"
+        )
         facts.append((f"given gap{where}", f"{source}{in_steps}"))
     if contact.get("motion"):
         moved = _rows_in_time(contact["motion"], lambda values: vector(values, "m"))
