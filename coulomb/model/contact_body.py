@@ -24,6 +24,7 @@ from ..fem.contact import (
     Pair,
     Pretension,
     Tied,
+    refuse_uneven_sectors,
     rows_of,
     with_unknowns,
 )
@@ -150,6 +151,7 @@ class ContactBody:
             self.elasticity = make()
             self.contacts, self.chosen = slaves_as_faces(self.elasticity, contacts)
             refuse_tied(self.elasticity, self.contacts)
+            refuse_uneven_sectors(self.elasticity)
             pairs = [(c.face, c.against) for c in contacts if c.against is not None]
             pairs += [(tie.face, tie.against) for tie in self.elasticity.constraints.ties if tie.of_faces]
             touching = unjoined_parts(self.elasticity, pairs)

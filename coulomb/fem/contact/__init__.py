@@ -59,4 +59,4 @@ from .surface import (
     with_unknowns,
     without_noise,
 )
-from .ties import CyclicSymmetry, Tied, with_slaves
+from .ties import CyclicSymmetry, Tied, refuse_uneven_sectors, with_slaves

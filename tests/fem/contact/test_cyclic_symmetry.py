@@ -13,7 +13,9 @@ from coulomb import (
     Material,
     NeoHookean,
     Plane,
+    PointLoad,
     PrescribedRotation,
+    RigidFace,
     SymmetryPlane,
     Traction,
     box,
@@ -83,6 +85,30 @@ def test_a_quarter_is_the_whole():
     assert nodes["slip"] > 0 and nodes["stick"] > 0
     on_axis = np.hypot(y[:, 0], y[:, 1]) < 1e-9
     assert np.abs(part.displacement[on_axis][:, :2]).max() <= 1e-15
+
+
+@pytest.mark.parametrize("wrong", [{"point": None}, {"translation": (0.0, None, None)}, {"rotation": (0.0, 1e-6, 0.0)}])
+def test_a_rigid_face_of_a_sector(wrong):
+    """That of the whole moves along the axis and turns about it; by default its point is the middle of the sector's
+    face, about which a turn would part the sectors."""
+    right = {"point": (0.0, 0.0, 0.5), "translation": (0.0, 0.0, None), "rotation": (0.0, 0.0, 1e-6)}
+    mesh, pressed = box((0.5, 0.5, 0.5), (2, 2, 1)), PointLoad("top", (0.0, 0.0, -1e5), point=(0.0, 0.0, 0.5))
+    contact, cut = Contact("bottom", 0.3), CyclicSymmetry("left", "front", sectors=4)
+
+    def posed(given):
+        rigid = [RigidFace("top", **given)]
+        return ContactProblem(mesh, STEEL, [], contact, [pressed], ties=[cut], rigid_faces=rigid)
+
+    with pytest.raises(ValueError, match=r"rigid face 'top': reaches the cut faces .* point on it, as \[0, 0, 0.5\]"):
+        posed(right | wrong)
+    if "point" in wrong:
+        u = posed(right).solve().displacement
+        x = posed(right).elasticity.x
+        at = {tuple(np.round(place, 6)): moved for place, moved in zip(x, u, strict=True)}
+        for (a, b, c), moved in at.items():  # (0, y, z) moves as (y, 0, z) does, turned
+            if a == 0.0:
+                other = at[b, 0.0, c]
+                assert np.allclose(moved, [-other[1], other[0], other[2]], atol=1e-12)
 
 
 def test_a_history_of_a_sector():
