@@ -116,53 +116,51 @@ class ContactPreconditioner:
 
 
 class FormedInverse:
-    """M^-1 with A = H H^T in place of its approximation, on one rank: for few contact points, and for the many
-    right-hand sides of derivatives.
+    """M^-1 with A as a matrix, nearly, in place of its approximation, on one rank: for few contact points, and for the
+    many right-hand sides of derivatives.
 
     The rows of nodes where Q is 0, as of open ones, are conditions on their dx alone; what is left is a dense matrix.
 
     Args:
-        H: Shape (3 m, columns), in the precision in which M is factorised.
+        A: Shape (3 m, 3 m), in the precision in which M is factorised.
         diagonal: diag(A) or, where that is 0, any positive number, shape (m, 3): that takes its place.  A small part of
             it is added to A, which is singular where contact points are on a rigid face.
     """
 
-    def __init__(self, H: FloatArray, diagonal: FloatArray):
-        self._H = H.reshape(*diagonal.shape, H.shape[1])
-        there = np.einsum("kij,kij->ki", self._H, self._H) > 0.0
-        self._extra: FloatArray = np.where(there, _SHIFT[H.dtype == np.float32], 1.0) * diagonal
+    def __init__(self, A: FloatArray, diagonal: FloatArray):
+        self._A = A.reshape(2 * diagonal.shape)
+        there = A.diagonal().reshape(diagonal.shape) > 0.0
+        self._extra: FloatArray = np.where(there, _SHIFT[A.dtype == np.float32], 1.0) * diagonal
         self._at: ContactDerivative | None = None
 
     def move(self, at: ContactDerivative) -> None:
         """To a point: the equations and their derivative there."""
         if at is self._at:
             return
-        self._at, dtype = at, self._H.dtype
+        self._at = at
         touching = np.any(at.Q != 0.0, axis=(1, 2))
         self._open, self._closed = np.flatnonzero(~touching), np.flatnonzero(touching)
         self._alone = np.linalg.inv(at.P[self._open])
-        self._Q, H = at.Q[self._closed], self._H[self._closed]
+        self._Q, A = at.Q[self._closed], self._A[self._closed][:, :, self._closed]
         count, each = len(self._closed), np.arange(len(self._closed))
-        shape = (3 * count, H.shape[2])
-        M = (self._Q.astype(dtype) @ H).reshape(shape) @ H.reshape(shape).T
-        M = M.reshape(count, 3, count, 3)
+        M = (self._Q.astype(A.dtype) @ A.reshape(count, 3, 3 * count)).reshape(A.shape)
         M[each, :, each] += at.P[self._closed] + self._Q * self._extra[self._closed, None]
-        getrf = sgetrf if dtype == np.float32 else dgetrf
         if count:
-            factors = getrf(M.reshape(3 * count, 3 * count), overwrite_a=1)
-            self._factors, self._pivots, _ = factors  # a singular one gives no numbers
+            getrf = sgetrf if A.dtype == np.float32 else dgetrf
+            # of M^T, whose rows are LAPACK's columns; a singular one gives no numbers
+            self._factors, self._pivots, _ = getrf(M.reshape(3 * count, 3 * count).T, overwrite_a=1)
 
     def __call__(self, r: FloatArray) -> FloatArray:
         """M^-1 applied to r (m, 3) or (m, 3, columns)."""
         rest, z = r.reshape(*r.shape[:2], -1), np.zeros((*r.shape[:2], math.prod(r.shape[2:])))
         z[self._open] = self._alone @ rest[self._open]
-        z[self._closed] = self._solved(rest[self._closed] - self._Q @ self._product(z, self._open, self._closed), 0)
+        z[self._closed] = self._solved(rest[self._closed] - self._Q @ self._product(z, self._open, self._closed), 1)
         return z.reshape(r.shape)
 
     def transposed(self, r: FloatArray) -> FloatArray:
         """M^-T applied likewise."""
         rest, z = r.reshape(*r.shape[:2], -1), np.zeros((*r.shape[:2], math.prod(r.shape[2:])))
-        z[self._closed] = y = self._solved(rest[self._closed], 1)
+        z[self._closed] = y = self._solved(rest[self._closed], 0)
         seen = np.zeros_like(z)
         seen[self._closed] = self._Q.transpose(0, 2, 1) @ y
         others = rest[self._open] - self._product(seen, self._closed, self._open)
@@ -170,14 +168,16 @@ class FormedInverse:
         return z.reshape(r.shape)
 
     def _product(self, z: FloatArray, of: npt.NDArray[np.intp], at: npt.NDArray[np.intp]) -> FloatArray:
-        """H H^T z at some nodes, of z (m, 3, columns) at others, shape (nodes, 3, columns)."""
-        seen = np.tensordot(self._H[of], z[of].astype(self._H.dtype), axes=((0, 1), (0, 1)))
-        return (self._H[at] @ seen).astype(np.float64)
+        """A z at some nodes, of z (m, 3, columns) at others, shape (nodes, 3, columns)."""
+        chosen = np.flatnonzero(np.any(z[of] != 0.0, axis=(1, 2)))
+        A = self._A[at][:, :, of[chosen]]
+        return np.tensordot(A, z[of[chosen]].astype(A.dtype), axes=2).astype(np.float64)
 
     def _solved(self, r: FloatArray, trans: int) -> FloatArray:
+        """M^-T r, or M^-1 r."""
         if not len(r):
             return r
-        getrs = sgetrs if self._H.dtype == np.float32 else dgetrs
-        flat = r.reshape(-1, r.shape[2]).astype(self._H.dtype)
+        getrs = sgetrs if self._A.dtype == np.float32 else dgetrs
+        flat = r.reshape(-1, r.shape[2]).astype(self._A.dtype)
         found: FloatArray = getrs(self._factors, self._pivots, flat, trans=trans)[0].astype(np.float64).reshape(r.shape)
         return found

@@ -249,9 +249,8 @@ class _Derivatives(SemismoothIteration):
         A = self._problem.A
         assert isinstance(A, BodyCompliance)
         self._body, self._accuracy = A.elimination(), _ACCURACY[A.matrix_free is not None]
-        if (half := A.half()) is not None and len(half) <= _FORMED:
-            root = half.dtype.type(math.sqrt(self._a))
-            self._inverse = FormedInverse(half / root, self._scaled.diagonal)
+        if len(x) <= _FORMED and (formed := A.formed()) is not None:
+            self._inverse = FormedInverse(formed / formed.dtype.type(self._a), self._scaled.diagonal)
         self._x = x.reshape(-1, 3).copy()
         self._x[~self._problem.frictional, 1:] = 0.0
         self._A_x = self._images.exact(self._x)

@@ -132,14 +132,14 @@ class SemismoothIteration:
         self._updated_from = settings.updated_from[costly]
         self._A: LowRankApproximation | None = None
         self._inverse: ContactPreconditioner | FormedInverse
-        half = None
+        formed = None
         if problem.together and problem.A.exact and 3 * m <= _FORMED and isinstance(problem.A, BodyCompliance):
-            half = problem.A.half()
-        if half is None:
+            formed = problem.A.formed()
+        if formed is None:
             self._inverse = self._prepared(settings.rank[costly])
             self._A = self._inverse.A
         else:
-            self._inverse = FormedInverse(half / math.sqrt(self._a), d)
+            self._inverse = FormedInverse(formed / formed.dtype.type(self._a), d)
         self._constraints = self._scaled.constraints
         self._accuracy = settings.forcing
         self._finer = settings.finer if problem.A.exact else 1.0

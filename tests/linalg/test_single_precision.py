@@ -145,13 +145,16 @@ def test_inverses_of_odd_size_with_the_kernels_for_processors_that_the_library_d
     """OpenBLAS 0.3.21 takes them on processors newer than itself; its strtri ends there in a segmentation fault."""
     script = """
 import numpy as np
-from coulomb.linalg.factors import inverse_factor
+from coulomb.linalg.factors import inverse_factor, inverse_of
 L = np.asfortranarray(np.tril(np.random.default_rng(1).random((303, 303))) + 99.0 * np.eye(303), dtype=np.float32)
 for i in range(0, 303, 3):
     L[i, i + 1 : i + 3] = L[i + 1, i + 2] = 0.0
 inverse = inverse_factor(L)
 assert inverse.dtype == np.float32
 assert np.max(np.abs(inverse @ L - np.eye(303))) < 1e-5
+whole = inverse_of(L)
+assert whole.dtype == np.float32
+assert np.max(np.abs(whole @ (L @ L.T) - np.eye(303))) < 1e-5
 """
     environment = os.environ | {"OPENBLAS_CORETYPE": "Prescott"}
     subprocess.run([sys.executable, "-c", script], check=True, env=environment)

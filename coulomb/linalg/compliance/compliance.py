@@ -97,8 +97,8 @@ class BodyCompliance(Compliance, Protocol):
         """
         ...
 
-    def half(self) -> FloatArray | None:
-        """H with A = H H^T, nearly, shape (3 m, columns), if it is at hand, on one rank; else None."""
+    def formed(self) -> FloatArray | None:
+        """A, nearly, shape (3 m, 3 m), if it takes no solve with K, on one rank; else None; not to be changed."""
         ...
 
     def elimination(self) -> Elimination:
@@ -409,7 +409,7 @@ class MatrixFreeCompliance(LimitedProducts):
         """A x = B (v + K^-1 f) of v = K^-1 (B^T x - f)."""
         return self._moved(self._free + v.array_r)
 
-    def half(self) -> None:
+    def formed(self) -> None:
         """None: there is no A."""
 
     def elimination(self) -> Elimination:

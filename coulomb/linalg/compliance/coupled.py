@@ -82,7 +82,7 @@ class CoupledKrylov:
         constraints: G; its resultant is G X z.
         forces: z -> X z, shapes (m, 3).
         equations: (z, w) -> P z + Y w, shapes (m, 3).
-        inverse: (r (m, 3), r3 (q,)) -> z and alpha of [P + Y A X/a, -Y G^T; G X, 0], nearly.
+        inverse: (r (m, 3, c), r3 (q, c)) -> z and alpha of [P + Y A X/a, -Y G^T; G X, 0], nearly.
         rows: Weights of the equations of the contact points, shape (m, 1),
         weight: and of those of displacements.
     """
@@ -161,13 +161,11 @@ class CoupledKrylov:
         """Of right-hand sides (c, ...)."""
         f, g, e = self._parts(v)
         w = -self._body.begin(f / self._weight).reshape(g.shape) / self._a
-        found = [
-            self._inverse(of / self._rows - self._equations(np.zeros_like(of), at), along)
-            for of, at, along in zip(g, w, e, strict=True)
-        ]
-        z, alpha = (np.array(parts) for parts in zip(*found, strict=True))
+        left = [of / self._rows - self._equations(np.zeros_like(of), at) for of, at in zip(g, w, strict=True)]
+        z, alpha = self._inverse(np.stack(left, axis=-1), e.T)
+        z = z.transpose(2, 0, 1)
         u = self._body.end(np.array([self._forces(one).ravel() for one in z]))
-        return self._joined(u, z, alpha)
+        return self._joined(u, z, alpha.T)
 
 
 class _Space:

@@ -66,7 +66,7 @@ class ConstraintPreconditioner:
         )
 
     def __call__(self, r: FloatArray, r3: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Unknowns (m, block) and multipliers (r,) for right-hand sides (m, block) and (r,); collective."""
+        """Unknowns (m, block, ...) and multipliers (r, ...) for right-hand sides of these shapes; collective."""
         z = self._inverse(r)
         if not self._constraints.count:
             return z, r3

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from ..factors import FirstRankSolver, MultifrontalSolver, inverse_factor
+from ..factors import FirstRankSolver, MultifrontalSolver, inverse_of
 from ..reductions import Reductions, summed
 from .compliance import LimitedProducts, MatrixFreeCompliance
 from .coupled import Elimination
@@ -25,7 +25,7 @@ _ENOUGH: Final = 1e-2
 """Error of L with which Newton steps are as good as with A; products at the iterates are accurate."""
 
 _FEW: Final = 600
-"""Contact unknowns up to which A = H H^T is kept: products and the diagonal are then a few calls."""
+"""Contact unknowns up to which A is kept: products and the diagonal are then a few calls."""
 
 _REST: Final = 1e-11
 """Forces that a displacement is wrong by, over all, below which it is known."""
@@ -48,7 +48,7 @@ class SchurCompliance(LimitedProducts):
 
     `solver` has the nodes of B's columns last; `diagonal` (3 m,) replaces the exact one; `reference` is the last
     accurate response, of the same A in other frames.  `halved`: A is one of many in a sequence, each for few products,
-    which are those by H, A = H H^T, where it is small.
+    which are those by A as a matrix, where it is small.
     """
 
     name = "explicit"
@@ -67,7 +67,7 @@ class SchurCompliance(LimitedProducts):
         self.nodes = B.getLocalSize()[0] // 3
         self.products, self.learnt = 0, RecycledColumns()
         self._solver, self._diagonal = solver, diagonal
-        self._half: FloatArray | None = None
+        self._formed: FloatArray | None = None
         self._halved = halved
         indptr, indices, values = B.getValuesCSR()
         last = (3 * solver.last[:, None] + np.arange(3)).ravel()
@@ -106,8 +106,8 @@ class SchurCompliance(LimitedProducts):
             self._reference.accurate += 1
             if self._reference.accurate > _ACCURATE:
                 self._solver.use_double()
-        if self._half is not None:
-            y[:] = self._half @ (self._half.T @ x)
+        if self._formed is not None:
+            y[:] = self._formed @ x
         elif self._suffices(tolerance):
             y[:] = self._rows @ self._solver.schur_solve(z)
         else:
@@ -137,32 +137,30 @@ class SchurCompliance(LimitedProducts):
 
     def diagonal(self) -> FloatArray:
         if self._diagonal is None:
-            half = self.half() if self._few else None
-            squares = None if half is None else np.einsum("ij,ij->i", half, half)
-            self._diagonal = self._solver.schur_diagonal(self._rows) if squares is None else squares
+            formed = self.formed() if self._few else None
+            self._diagonal = self._solver.schur_diagonal(self._rows) if formed is None else formed.diagonal().copy()
         return self._diagonal
 
     def dense(self) -> FloatArray:
         """See `Formed`; on one rank."""
         assert isinstance(self._solver, MultifrontalSolver)
         self._solver.use_double()
-        half = self.half()
-        assert half is not None
-        return half @ half.T
+        formed = self.formed()
+        assert formed is not None
+        return formed
 
-    def half(self) -> FloatArray | None:
-        """To the accuracy of the factors, and in their precision, shape (3 m, 3 last)."""
-        if self._half is not None or not isinstance(self._solver, MultifrontalSolver):
-            return self._half
-        factors, dtype = self._solver.schur_factors, np.dtype(np.float64 if self.exact else np.float32)
-        half: FloatArray = np.zeros(self._rows.shape, dtype=dtype)
+    def formed(self) -> FloatArray | None:
+        """To the accuracy of the factors, and in their precision."""
+        if self._formed is not None or not isinstance(self._solver, MultifrontalSolver):
+            return self._formed
+        formed: FloatArray = np.zeros(2 * self._rows.shape[:1], dtype=np.float64 if self.exact else np.float32)
         start = 0
-        for L in factors:
-            here = slice(start, start + len(L))
-            half[:, here] = self._rows[:, here].astype(dtype) @ np.tril(inverse_factor(L)).T
+        for L in self._solver.schur_factors:
+            rows = self._rows[:, start : start + len(L)].astype(formed.dtype)
+            formed += rows @ (rows @ inverse_of(L)).T
             start += len(L)
-        self._half = half if self._few else None
-        return half
+        self._formed = formed if self._few else None
+        return formed
 
     @property
     def _few(self) -> bool:

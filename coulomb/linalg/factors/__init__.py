@@ -4,5 +4,14 @@ double precision.
 
 from .first_rank import FirstRankSolver
 from .frontal_factors import NotPositiveDefinite
-from .multifrontal import SINGLE_FROM, MultifrontalSolver, Work, inverse_factor, predicted_work, symbolic, usual_work
+from .multifrontal import (
+    SINGLE_FROM,
+    MultifrontalSolver,
+    Work,
+    inverse_factor,
+    inverse_of,
+    predicted_work,
+    symbolic,
+    usual_work,
+)
 from .nested_dissection import Front

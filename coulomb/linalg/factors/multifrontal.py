@@ -14,14 +14,15 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 from petsc4py import PETSc
-from scipy.linalg.blas import dsymv, dtrsv, strsv
-from scipy.linalg.lapack import dlauum, dpotri, dtrtri, strtri
+from scipy.linalg.blas import dsymv, dtrsm, dtrsv, strsm, strsv
+from scipy.linalg.lapack import dlauum, dpotri, dtrtri, spotri, strtri
 
 from ...arrays import FloatArray
 from ..petsc_arrays import NodalRows
@@ -274,8 +275,9 @@ class MultifrontalSolver:
 
     def _substituted(self, L: Real, x: Real, trans: int) -> Real:
         """L^-1 x, or L^-T x, shapes (..., rows of L)."""
-        trsv = strsv if self.single else dtrsv
-        return np.array([trsv(L, row, lower=1, trans=trans) for row in x.reshape(-1, len(L))]).reshape(x.shape)
+        trsm = strsm if self.single else dtrsm
+        found: Real = trsm(1.0, L, x.reshape(-1, len(L)).T, lower=1, trans_a=trans).T.reshape(x.shape)
+        return found
 
     def _last_fronts(self) -> list[tuple[Real, slice]]:
         """L of the nodes `last` of each body, and their places in the order of elimination."""
@@ -379,15 +381,25 @@ def _report(reason: str) -> None:
 
 def inverse_factor(L: Real) -> Real:
     """L^-1, with zeros above the diagonal of its nodal blocks, and anything above these."""
-    if L.dtype == np.float32:  # of an even size: OpenBLAS 0.3.21 crashes with others on processors newer than itself
-        even = np.eye(len(L) + len(L) % 2, dtype=L.dtype, order="F")
-        even[: len(L), : len(L)] = L
-        inverse: Real = strtri(even, lower=1, overwrite_c=1)[0][: len(L), : len(L)]
-    else:
-        inverse = dtrtri(L, lower=1)[0]
+    inverse = _by_lapack(strtri if L.dtype == np.float32 else dtrtri, L)
     for i in range(0, len(inverse), 3):
         inverse[i, i + 1 : i + 3] = inverse[i + 1, i + 2] = 0.0
     return inverse
+
+
+def inverse_of(L: Real) -> Real:
+    """(L L^T)^-1."""
+    lower = np.tril(_by_lapack(spotri if L.dtype == np.float32 else dpotri, L))
+    return lower + np.tril(lower, -1).T
+
+
+def _by_lapack(routine: Callable[..., Any], L: Real) -> Real:
+    """By a routine for lower triangles, whose entries above the diagonal are undefined."""
+    n = len(L) + len(L) % 2  # even: with others OpenBLAS 0.3.21 crashes, in single precision on newer processors
+    even = np.eye(n, dtype=L.dtype, order="F")
+    even[: len(L), : len(L)] = L
+    found: Real = routine(even, lower=1, overwrite_c=1)[0][: len(L), : len(L)]
+    return found
 
 
 def _squares(inverse: Real, rows: scipy.sparse.csr_matrix) -> FloatArray:
