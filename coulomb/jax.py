@@ -5,7 +5,9 @@
     jax.grad(lambda friction: solve(friction)[0][0::3].max())(0.3)
 
 A call is a solve, in a callback, so that `jax.jit` takes it; the gradient is `Solution.gradient`, one linear system for
-all parameters.  Forward derivatives (`jax.jvp`), `jax.vmap` and second ones are not known.
+all parameters, in place of derivatives through the iterations of the solver (the implicit function theorem at a root:
+M. Blondel et al., Efficient and modular implicit differentiation, NeurIPS 35, 2022, section 2).  Forward derivatives
+(`jax.jvp`), `jax.vmap` and second ones are not known.
 """
 
 from __future__ import annotations

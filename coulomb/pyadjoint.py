@@ -6,7 +6,9 @@
     J = dolfinx_adjoint.assemble_scalar(ufl.inner(solve(friction), n) * ds)
     pyadjoint.ReducedFunctional(J, pyadjoint.Control(friction)).derivative()
 
-A call is a solve, the gradient is `Solution.gradient`, one linear system for all parameters, on any number of ranks.
+A call is a solve, a block of the tape (S. K. Mitusch, S. W. Funke, J. S. Dokken: dolfin-adjoint 2018.1, Journal of Open
+Source Software 4(38), 2019); the gradient is `Solution.gradient`, one linear system for all parameters, on any number
+of ranks.
 Tangent linear models and second derivatives are not known.
 """
 

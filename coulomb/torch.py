@@ -5,8 +5,10 @@
     forces, displacements = solve(friction)
     forces[0::3].max().backward()  # friction.grad
 
-A call is a solve, the gradient is `Solution.gradient`, one linear system for all parameters.  Forward and second
-derivatives are not known.
+A call is a solve, the gradient is `Solution.gradient`, one linear system for all parameters, in place of derivatives
+through the iterations of the solver (the implicit function theorem at a root: M. Blondel et al., Efficient and modular
+implicit differentiation, NeurIPS 35, 2022, section 2).  Forward and second derivatives are not
+known.
 """
 
 from __future__ import annotations

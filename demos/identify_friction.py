@@ -1,7 +1,9 @@
 """Friction and Young's modulus of a pad from a noisy loop of force and displacement, with confidence intervals.
 
 A pad of plastics is pressed on a plate, and its holder moved to and fro.  The force follows the modulus while the pad
-sticks, and friction while it slips.  Each evaluation of the fit is a load history and its exact derivatives along both.
+sticks, and friction while it slips.  Each evaluation of the fit is a load history and its exact derivatives along both:
+the Jacobian of SciPy's least squares.  Intervals are those of the linearised fit, with the covariance s^2 (J^T J)^-1
+and quantiles of Student's t (G. A. F. Seber, C. J. Wild, Nonlinear Regression, 1989, section 2.1).
 
 python demos/identify_friction.py
 """

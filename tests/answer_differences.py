@@ -36,7 +36,7 @@ def differs(make, inputs, times=(1.0,), h=1e-4):
         of_face = lambda one, name=name: one.totals[face][name], lambda answer, name=name: answer.forces[name]
         worst[name] = off(*of_face, smallest=1e-2)  # newtons, newton metres, joules: all may stick
     motion = "translation", "rotation", "force", "moment"
-    kinds = {"reactions": motion[2:], "loaded_foundations": motion[:2], "rigid_faces": motion}
+    kinds = {"reactions": motion[2:], "ties": motion[2:], "loaded_foundations": motion[:2], "rigid_faces": motion}
     for kind, names in (*kinds.items(), ("bolts", ("force", "shortening"))):
         for number, one in enumerate(getattr(step.solution, kind)):
             called = getattr(one, "name", None) or one.face

@@ -122,11 +122,13 @@ _SECOND: Final = 1.8
 
 _ACCURACY: Final = 1e-10
 _OF_ANSWER: Final = 1e-6
-"""Tolerance of the answers compared, and remainder over forces and displacements up to which these are linear."""
+"""Tolerance of the answers compared, and remainder over what is compared up to which it is linear."""
 
 
 class TaylorTest:
-    """What answers of changed cases leave over after derivatives: it falls with the square of the change."""
+    """What answers of changed cases leave over of forces, displacements and heat flows after derivatives: it falls with
+    the square of the change (P. E. Farrell et al., Automated derivation of the adjoint of high-level transient finite
+    element programs, SIAM J. Sci. Comput. 35, 2013, section on verification)."""
 
     def __init__(self, settings: Case, like: Solution):
         self._settings, self._like, self._over = settings, like, Reductions(like.problem.comm)
@@ -136,7 +138,8 @@ class TaylorTest:
         h = min(_FARTHEST, 0.5 * one.step)
         if h < _NEAREST:
             return {"passed": None, "words": "not verified: a contact point changes its state too soon"}
-        left, along = list[float](), (one.contact_force, one.displacement.ravel())
+        powers = [flow["power"] for flow in one.others.get("heat_flows", {}).values()]
+        left, along = list[float](), (one.contact_force, one.displacement.ravel(), self._once(powers))
         try:
             for change in (h, 0.5 * h):
                 after = self._answer(scaled(self._settings, one.name, 1.0 + change))
@@ -154,17 +157,18 @@ class TaylorTest:
         found = {"change": h, "remainder": of_answer, "order": order if math.isfinite(order) else None}
         if of_answer <= _OF_ANSWER:
             return {**found, "passed": True, "words": f"verified: linear to {of_answer:.0e} up to {percent}"}
-        words = f"{of_answer:.1e} of forces and displacements is left over at {percent}, of order {order:.2f}"
+        what = "forces, displacements and heat flows" if powers else "forces and displacements"
+        words = f"{of_answer:.1e} of {what} is left over at {percent}, of order {order:.2f}"
         passed = order >= _SECOND
         return {**found, "passed": passed, "words": f"{'verified' if passed else 'NOT VERIFIED'}: {words}"}
 
     @cached_property
-    def _before(self) -> tuple[FloatArray, FloatArray]:
+    def _before(self) -> tuple[FloatArray, ...]:
         """Those of the case as it is, as accurately as those of the changed ones."""
         return self._answer(self._settings)
 
-    def _answer(self, case: Case) -> tuple[FloatArray, FloatArray]:
-        """Contact forces and displacements of a case at the time of the answer."""
+    def _answer(self, case: Case) -> tuple[FloatArray, ...]:
+        """Contact forces, displacements and heat flows of a case at the time of the answer."""
         tolerance = min(case.solver.tolerance, _ACCURACY)
         with without_remarks():
             problem = case.problem(self._like.problem.comm)
@@ -173,7 +177,12 @@ class TaylorTest:
             else:
                 *_, last = replace(case.load_history(), tolerance=tolerance).steps(problem)
                 found = last.solution
-            return found.contact_force, found.displacement.ravel()
+            powers = [] if found.heat is None else [flow.power for flow in found.heat.flows]
+            return found.contact_force, found.displacement.ravel(), self._once(powers)
+
+    def _once(self, shared: Sequence[float]) -> FloatArray:
+        """What every rank has, on one of them."""
+        return np.array(shared if self._over.comm.rank == 0 else [])
 
 
 def error_bars(session: Session, settings: Case, solution: Solution) -> dict[str, Any]:

@@ -1,7 +1,9 @@
 """The derivative of one function of an answer along fields of its problem: the adjoint of `sensitivity`.
 
 With K v = g + B^T z, of the multipliers z of the equations of contact, v is what the function owes to nodal forces, and
-what it owes to Young's modulus of a cell is the work of the stress there along -v.  In a load history the function owes
+what it owes to Young's modulus of a cell is the work of the stress there along -v (the discrete adjoint: M. B. Giles,
+N. A. Pierce, An introduction to the adjoint approach to design, Flow, Turbulence and Combustion 65, 2000, section 2; of
+contact with friction: `solvers.derivatives`).  In a load history the function owes
 to the displacement after the step before, from which slip counts, and so on backwards along the steps.
 """
 

@@ -45,8 +45,9 @@ class Sensitivity:
         totals: Of each contact by its name derivatives of "force" and "moment" on the body, "normal_force",
             "friction_force", "contact_area", "centre_of_pressure", "mean_pressure" (normal force over contact area)
             and "dissipated_energy", newtons, newton metres, m^2, metres, pascals and joules.
-        others: Likewise of "reactions" of supports, "rigid_faces" and "bolts", and of "probes", by their names, as the
-            answer has them, and of "bodies" the "strain_energy"; what is empty is left out.
+        others: Likewise of "reactions" of supports, "ties", "rigid_faces", "bolts" and "loaded_foundations", and of
+            "probes", by their names, as the answer has them, of "bodies" the "strain_energy", and of "heat_flows" the
+            "power"; what is empty is left out.
         step: Relative change of the input up to which no contact point opens, closes, sticks or slips anew, to first
             order: so far the answer is linear in it.  In a history, the least of its load steps.
         border: Number of contact points on the border of two states.  If there are any, or were in a load step before,
@@ -117,8 +118,8 @@ def sensitivities(
         others: Other inputs by their names, as lengths.
 
     Raises:
-        ValueError: With heat, or friction that depends on the slip rate; in a later load step without those of the step
-            before; if the answer is (nearly) not unique; with others where they are not known (`why_no_others`).
+        ValueError: As `refuse`; in a later load step without those of the step before; if the answer is (nearly) not
+            unique; with others where they are not known (`why_no_others`).
     """
     refuse(problem)
     before = problem.before

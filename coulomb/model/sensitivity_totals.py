@@ -104,7 +104,7 @@ def contact_totals(at: NodalAnswer, derived: Derived, sign: float) -> dict[str, 
 def other_totals(
     at: NodalAnswer, derived: Derived, totals: Mapping[str, Mapping[str, Any]], left: FloatArray | None, u: FloatArray
 ) -> dict[str, dict[str, Any]]:
-    """Of reactions, probes, bodies, bolts, rigid faces and foundations under load, by their names.
+    """Of reactions, probes, bodies, ties, bolts, rigid faces and foundations under load, by their names.
 
     Args:
         at: The answer at the contact points.
@@ -154,9 +154,15 @@ def other_totals(
             }
             for one, by in zip(tied.rigid_faces, still.rigid_faces, strict=True)
         }
+        entries["ties"] = {
+            one.name: {name: getattr(one, name) - (0.0 if derived.pulled else getattr(by, name)) for name in _MOMENTS}
+            for one, by in zip(tied.ties, still.ties, strict=True)
+        }
     entries["loaded_foundations"] = _foundations(at, derived, totals)
     return {kind: {name: _plain(one) for name, one in of_kind.items()} for kind, of_kind in entries.items() if of_kind}
 
+
+_MOMENTS: Final = ("force", "moment")
 
 _DIFFERENCE: Final = 1e-6
 """Displacement of the differences of bolts over the size of the bodies."""
@@ -165,7 +171,7 @@ _DIFFERENCE: Final = 1e-6
 def _turned(
     derived: Derived, imbalance: FloatArray, left: FloatArray, u: FloatArray, over: Reductions
 ) -> dict[str, dict[str, dict[str, Any]]]:
-    """Of bolts and rigid faces, which turn; collective."""
+    """Of ties, bolts and rigid faces, which turn; collective."""
     body, du, time, terms = derived.problem.elasticity, derived.u, derived.problem.time, derived.terms
     assert terms is not None
     constraints, x, found = body.constraints, body.x, dict[str, dict[str, dict[str, Any]]]()
@@ -185,7 +191,9 @@ def _turned(
         found["rigid_faces"][motion.given.face] = entry
     size, extent = over.max(np.abs(du).ravel()), max(over.max(axis) - over.min(axis) for axis in x.T)
     h = _DIFFERENCE * extent / (size or 1.0)
-    sections = [one for one in each if one[0].kind == Pretension.kind]
+    tied = each[len(constraints.motions) :]
+    found["ties"] = {now.name: {"force": more.force, "moment": more.moment + arm.moment} for now, more, arm in tied}
+    sections = [one for one in tied if one[0].kind == Pretension.kind]
     ends = (constraints.bolts_at(u + step * du) for step in (-h, 0.0, h))
     found["bolts"] = {
         bolt.face: {
@@ -198,7 +206,7 @@ def _turned(
 
 
 def _moments(one: Resultant) -> dict[str, Any]:
-    return {"force": one.force, "moment": one.moment}
+    return {name: getattr(one, name) for name in _MOMENTS}
 
 
 def _strained(derived: Derived, u: FloatArray, over: Reductions) -> dict[str, dict[str, Any]]:

@@ -311,7 +311,9 @@ class Solution:
     ) -> list[Sensitivity]:
         """What the answer owes to each input: friction, gaps, loads, prescribed displacements, motions of and loads on
         foundations, Young's moduli; exact derivatives, with how far they hold; in a load step with those of the
-        step before (`earlier`); collective.
+        step before (`earlier`); collective.  At the sets of the answer P x' + Q w' = -(change of the equations), one
+        linear system for each (A. Beremlijski et al., Shape optimization in contact problems with Coulomb friction,
+        SIAM J. Optim. 13, 2002).
 
         Args:
             earlier: As said.
@@ -319,8 +321,9 @@ class Solution:
                 of lengths, radii or directions, in small strains; without totals at probes, whose places stay.
 
         Raises:
-            ValueError: With heat, with friction that depends on the slip rate, in a load step without those of the step
-                before, or if the answer is nearly one of several.
+            ValueError: With heat in large motions or on foundations under load, with friction that depends on the slip
+                rate in a load step, in a load step without those of the step before, or if the answer is nearly one of
+                several.
         """
         return sensitivities(self.problem, self.contact_force, self.displacement, self.at_nodes, earlier, others)
 
@@ -332,7 +335,9 @@ class Solution:
         functional: Any = None,
     ) -> Gradient:
         """What a function J of the answer owes to friction, gaps, loads and Young's modulus of every point, node and
-        cell, at the cost of one linear system; in a load history step by step, the last first; collective.
+        cell, at the cost of one linear system, the transpose of that of `sensitivities` (the discrete adjoint: M. B.
+        Giles, N. A. Pierce, Flow, Turbulence and Combustion 65, 2000); in a load history step by step, the last first;
+        collective.
 
         Args:
             contact_force: dJ/dx, shape (3 m,), as the answer has x; 0 by default.

@@ -1,5 +1,7 @@
 """Derivatives with heat: temperatures follow from contact and cause it, and heat flows are totals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ import coulomb
 from coulomb import HeatLoad, Material, ThermalContact
 from coulomb.case.case import read_case
 from coulomb.case.scaled import NotScaled, scaled
+from coulomb.cli.bars import TaylorTest
 
 
 def two_bars(thermal, hot=1.0, young=1.0, friction=1.0, pushed=1.0, expansion=1.0, flux=1e4):
@@ -101,8 +104,9 @@ translate = [0.0, 0.0, 0.05]
 material = { young = 7e10, poisson = 0.3, expansion = 2e-5, conductivity = 200.0 }
 [[clamp]]
 face = "low:bottom"
-[[clamp]]
+[[prescribed_displacement]]
 face = "up:top"
+value = [0.0, 0.0, -1e-5]
 [[contact]]
 face = "up:bottom"
 against = "low:top"
@@ -137,6 +141,12 @@ def test_inputs_of_heat_are_scaled_in_a_case(tmp_path):
     for face in ("up:bottom", "low:top"):
         (contact,) = scaled(case, f"conductance of {face!r}", 1.5).problem().contacts
         assert contact.thermal.conductance == 1.5e3
+    answer = case.problem().solve(tolerance=1e-12)
+    verify, by = TaylorTest(case, answer), {one.name: one for one in answer.sensitivities()}
+    assert verify.of(by[names[1]])["passed"]
+    flows = {name: {"power": 2.0 * one["power"]} for name, one in by[names[1]].others["heat_flows"].items()}
+    wrong = verify.of(replace(by[names[1]], others={"heat_flows": flows}))
+    assert not wrong["passed"] and "heat flows" in wrong["words"]
     twice = case.model_copy(update={"heat": case.heat * 2})
     with pytest.raises(NotScaled, match="several"):
         scaled(twice, names[1], 1.5)

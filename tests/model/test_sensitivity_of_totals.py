@@ -45,9 +45,22 @@ def bolted(force=1.0, young=1.0):
     )
 
 
+def glued(pushed=1.0, young=1.0, moved=1.0):
+    """A block that is tied to another, which lies on the ground, and held aside."""
+    upper = coulomb.moved(coulomb.box((0.3, 0.3, 0.4), (2, 2, 2)), translate=(0.1, 0.1, 0.5))
+    return coulomb.ContactProblem(
+        coulomb.join(low=coulomb.box((0.5, 0.5, 0.5), (3, 3, 2)), up=upper),
+        {"low": coulomb.Material(2e9, 0.3), "up": coulomb.Material(1e9 * young, 0.3)},
+        [coulomb.PrescribedDisplacement("up:right", (2e-4 * moved, 0.0, 0.0), "x")],
+        coulomb.Contact("low:bottom", friction=0.3),
+        [coulomb.TotalForce("up:top", (0.0, 3e4 * pushed, -2e5 * pushed))],
+        ties=[coulomb.Tied("up:bottom", "low:top")],
+    )
+
+
 def other_totals(answer):
-    """Of reactions, probes, bolts, rigid faces and bodies, by kind, name and what it is."""
-    kinds = {"reactions": answer.reactions, "bolts": answer.bolts, "rigid_faces": answer.rigid_faces}
+    """Of reactions, probes, ties, bolts, rigid faces and bodies, by kind, name and what it is."""
+    kinds = {name: getattr(answer, name) for name in ("reactions", "ties", "bolts", "rigid_faces")}
     named = [(kind, getattr(one, "name", None) or one.face, one) for kind, some in kinds.items() for one in some]
     named += [("probes", one.name, one) for one in answer.probes]
     wanted = ("force", "moment", "translation", "rotation", "shortening", "displacement", "slip", "pressure")
@@ -146,9 +159,10 @@ def test_where_lengths_are_not_known():
         (sprung, {"stiffness of the spring on 'right'": "stiffness", "pressure on 'top'": "pushed", "young": "young"}),
         (turned, {"total force on 'top'": "pushed", "prescribed displacements": "moved", "young": "young"}),
         (bolted, {"pretension": "force", "young of 'up'": "young"}),
+        (glued, {"total force on 'up:top'": "pushed", "young of 'up'": "young", "prescribed displacements": "moved"}),
     ],
 )
-def test_reactions_probes_bolts_rigid_faces_and_energies_are_those_of_central_differences(make, inputs):
+def test_reactions_probes_ties_bolts_rigid_faces_and_energies_are_those_of_central_differences(make, inputs):
     answer = make().solve(tolerance=1e-12)
     values, by, h = other_totals(answer), {one.name: one for one in answer.sensitivities()}, 1e-4
     assert values

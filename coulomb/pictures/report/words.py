@@ -93,6 +93,13 @@ _OTHERS: Final = (
     ("bolts", "force of bolt", "force", "N"),
     ("probes", "displacement of probe", "displacement", "m"),
     ("probes", "pressure at probe", "pressure", "Pa"),
+    ("probes", "slip at probe", "slip", "m"),
+    ("ties", "force of", "force", "N"),
+    ("rigid_faces", "translation of rigid face", "translation", "m"),
+    ("rigid_faces", "force on rigid face", "force", "N"),
+    ("loaded_foundations", "translation of", "translation", "m"),
+    ("reactions", "force of", "force", "N"),
+    ("totals", "moment about the origin on", "moment", "N m"),
 )
 """Keys of such totals among the sensitivities of a summary, words, the name of the number, and its unit."""
 
