@@ -160,8 +160,7 @@ BodyName = Annotated[Name, AfterValidator(_identifier)]
 
 
 class RotateTable(Table):
-    """A rotation: a point of the axis in metres, by default the origin, its direction, and the angle in radians, or
-    degrees."""
+    """A rotation: a point of the axis, metres, default the origin, its direction, the angle in radians, or degrees."""
 
     axis: Direction
     angle: Number

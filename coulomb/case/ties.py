@@ -51,8 +51,7 @@ class CyclicSymmetryTable(FacePairTable):
 
 
 class PretensionTable(FacePairTable):
-    """The section of a bolt, tightened to a force in newtons or by a shortening in metres; by default against the other
-    side of a cut."""
+    """The section of a bolt, tightened to a force in newtons or by a shortening in metres; by default at a cut."""
 
     against: Name = ""
     force: Number | None = None

@@ -163,8 +163,7 @@ def _too_large(settings: Case, target: Path) -> bool:
 
 
 def recorded(case: Path) -> tuple[Path, Path | None]:
-    """The file of a case, and the directory of the run that has recorded it, None for other files; the same on every
-    rank.
+    """The file of a case, and the directory of the run that recorded it, None for others; the same on every rank.
 
     Raises:
         ValueError: On every rank, if a directory has no case.

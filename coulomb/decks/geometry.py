@@ -258,8 +258,7 @@ class Geometry:
             into.members.append(np.array(run, dtype=np.int64))
 
     def label(self, word: str, of: _Instance | None = None) -> IntArray | str:
-        """What a word names: the number of a node or element, as `7` or `Instance.7`, in an array; or the name of a
-        set."""
+        """What a word names: the number of a node or element, as `7` or `Instance.7`, in an array; or a set's name."""
         if _LABEL.fullmatch(word):
             return np.array([int(word) + (of or self._outside).first], dtype=np.int64)
         name, dot, number = word.rpartition(".")

@@ -145,8 +145,7 @@ class RunDirectory:
 
 
 def read_table(path: Path) -> list[dict[str, Any]]:
-    """The rows of history.csv or iterations.csv, by column names: numbers, booleans, and texts; None for nan, inf and
-    nothing, as in JSON.
+    """The rows of history.csv or iterations.csv, by column names: numbers, booleans, texts; None for nan, inf, nothing.
 
     Raises:
         ValueError: If it cannot be read.

@@ -82,8 +82,7 @@ def largest_motions(component: IntArray, u: FloatArray, over: Reductions) -> Flo
 def rounding_forces(body: Deformable, u: FloatArray) -> FloatArray:
     """Nodal forces in newtons of a rounding error of the displacement u, shapes (k, 3); collective.
 
-    The error is 2^-52 of the largest component of u in the same component of the meshes, with signs that vary from node
-    to node.
+    The error is 2^-52 of the largest component of u in the same component of the meshes, with alternating signs.
     """
     motion = largest_motions(body.component, u, Reductions(body.comm))
     return body.internal_force(2.0**-52 * motion[:, None] * varying_signs(body.x, body.comm))
@@ -207,8 +206,7 @@ def scales_of(e: Evidence, outer: tuple[FloatArray, ...], over: Reductions) -> S
 
 
 def deformations(e: Evidence, over: Reductions) -> tuple[FloatArray, FloatArray]:
-    """Work of the forces that deform each component of the meshes, joules, and their mean displacement, metres, shapes
-    (n,); collective."""
+    """Work of forces that deform each component of the meshes, joules, and mean displacement, metres; collective."""
     nodes, forces = _Bodies(e.component, 1 + int(over.max(e.component.astype(np.float64))), over), e.deforming
     work = np.maximum(nodes.sums(np.einsum("ki,ki->k", e.displacement, forces)), 0.0)
     sizes = nodes.sums(lengths(forces))
@@ -221,11 +219,9 @@ class FaceScales:
     judged: what stands beside them in the model does not count.
 
     Attributes:
-        deformation: Mean displacement of the forces that deform these bodies, of both sides the larger one, metres,
-            shape (faces,).
+        deformation: Mean displacement of forces that deform these bodies, of both sides the larger, metres (faces,).
         approach: Work of the forces that deform them over the sum of the normal forces on them, metres, shape (faces,).
-        force: Largest normal force of a contact point on them, newtons, at least `_LEAST_FORCE` of that of the model,
-            shape (faces,).
+        force: Largest normal force of a point on them, newtons, at least `_LEAST_FORCE` of the model's (faces,).
     """
 
     deformation: FloatArray

@@ -206,8 +206,7 @@ class Contact:
     """A contact face, its foundation and its law of friction |x_t| <= min(c a + F x_n, q a), a the area of a node.
 
     Coulomb's law has friction F alone, Mohr-Coulomb's friction and cohesion c, Tresca's slip_stress in place of both: a
-    cohesion alone.  A cohesion resists slip, not opening, and acts on open nodes too.  q is the `friction_limit`, if
-    there is any.
+    cohesion alone.  Cohesion resists slip, not opening, and acts on open nodes too.  q is the `friction_limit`, if any.
 
     Friction may be orthotropic, (F1, F2) with a direction: the friction force T lies in the ellipse with the semi-axes
     r F1/F along the direction and r F2/F across it, r = c a + F x_n and F the larger of both; slip is along the outward
@@ -237,8 +236,7 @@ class Contact:
             "skin_facing_itself_2", in large motions at the beginning of every load step.
         adjust: Gaps and penetrations between two deformable faces up to this size in metres, as meshes leave them where
             surfaces are the same, are closed before deformation, without strain.
-        smooth: The facets of first order of a pair stand for smooth surfaces, with the mean normals at their corners,
-            when its gap is measured.
+        smooth: Facets of first order of a pair stand for smooth surfaces, by mean normals, when its gap is measured.
         surface: The surface for which the facets of the face stand when the gap of a pair is measured: a `Cylinder`, a
             `Sphere` or any signed distance that is 0 there.  Its nodes must be on it; those of finer meshes will be.
         against_surface: That of the face `against`.

@@ -113,8 +113,7 @@ class ContactBody:
     Attributes:
         contacts: The contact faces; of pairs of deformable faces with the slave as face.
         chosen: Which face of every pair is the slave, in words.
-        foundations: Of all contact faces before any motion; by default the plane of the face; None against a
-            deformable face.
+        foundations: Of all contact faces before any motion; by default its plane; None against a deformable face.
         foundation_loads: Force and moment on them.
         elasticity: K, loads and supports.
         comm: The ranks that share the body.

@@ -228,8 +228,7 @@ def refuse_held_inside(
     prescribed: FloatArray,
     exact: bool = False,
 ) -> None:
-    """Refuse supports that hold nodes of contact faces inside foundations, or inside faces opposite, at a time;
-    collective.
+    """Refuse supports that hold nodes of contact faces inside foundations, or faces opposite, at a time; collective.
 
     Args:
         contacts: The contact faces.

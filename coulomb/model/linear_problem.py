@@ -172,8 +172,7 @@ class ContactState:
         """u_n, and slip along t1 and t2, of displacements u (k, 3), metres, shape (m, 3), less those of foundations
         under load in free motions of amounts alpha (q,); collective.
 
-        Where supports prescribe slips, those of the size of rounding errors are exactly 0: friction would be along
-        them.
+        Where supports prescribe slips, those like rounding errors are exactly 0: friction would be along them.
         """
         rows = self.surface.rows(u)
         closed = relative_displacement(rows, self.slip_origin)

@@ -115,11 +115,9 @@ class NodalAnswer:
         earlier: What has accumulated in the load steps before.
         force_before: The forces on the body after the load step before, space vectors, shape (m, 3).
         against: Of each contact face the face opposite, if it is one of a pair; else None.  Empty without pairs.
-        opposite_x: Where the forces act on the faces opposite, shape (m, 3); 0 on faces against a foundation.  None
-            without pairs.
+        opposite_x: Where the forces act on the faces opposite, (m, 3); 0 against a foundation.  None without pairs.
         several: Whether there are several bodies.
-        copies: How many layers as the mesh make the body, of which forces, areas and energies in all are
-            (`Deformable.copies`).
+        copies: How many layers as the mesh make the body, of which all totals are (`Deformable.copies`).
     """
 
     comm: MPI.Comm
@@ -287,8 +285,7 @@ class NodalAnswer:
         The normal force is the sum of those of the nodes; the friction force is the size of the resultant of theirs.
 
         Of several faces together there are no normal force, friction force and centre of pressure, which are about one
-        face, and force and moment only where one body touches foundations alone: forces on different bodies have no
-        sum.
+        face, and force and moment only where one body touches foundations alone: of different bodies they have no sum.
         """
         alone = part is not None or len(self.faces) == 1
         here = self.part == part if part is not None else np.ones(len(self.part), dtype=bool)

@@ -53,8 +53,7 @@ class Solution:
         compliances: diag(A) of every contact point, of both tangents the mean, metres per newton, shape (m, 3).
         mean_compliance: Mean of diag(A) in metres per newton: the scale of the certificate.
         methods: By which the answer was found: the entry `method` of summary.json.
-        residuals: In large motions the largest value of the certificate's checks before each linear problem, and at the
-            end.
+        residuals: In large motions the largest value of the certificate's checks before each linear problem, and last.
 
     In large motions `problem` is the last linear problem, of the bodies at their deformed place, in whose frames the
     contact forces are; slip is that of the load step, and `result` that of all linear problems together.
@@ -400,8 +399,7 @@ class Solution:
         return late_bound["error"](self, *others)
 
     def table(self) -> dict[str, Any]:
-        """This rank's contact points as columns of length m, vectors as three columns: what `pandas.DataFrame` takes;
-        collective.
+        """This rank's contact points as columns (m,), vectors as three: what `pandas.DataFrame` takes; collective.
 
         `contact_face` is the name of the face, with that opposite where it is in several pairs; x, y, z are places
         before deformation in metres; the others are the fields of contact.xdmf.

@@ -5,8 +5,7 @@ the law requires it they are set to exactly zero before displacement and certifi
 answer is the written one.  The change is below the requested residual:
 
 - The natural residual |x - P(x - (A x - b)/a)| is the force itself where P sets it to zero.
-- Where neither force nor gap is significant, P does not decide: a force up to `OPEN_BELOW` of the largest on its body
-  is zero.
+- Where neither force nor gap is significant, P does not decide: up to `OPEN_BELOW` of the largest on its body it is 0.
 - Where the slip bound is zero (Coulomb friction at open nodes, or F = 0), a small friction force is zero.
 - Where a support prescribes the displacement in a tangential direction, and there is no slip in it, the law leaves
   friction in that direction undetermined, and it acts on the support alone: it is zero.
@@ -136,8 +135,7 @@ class CertifiedAnswer:
 
 
 class StoppingCriterion:
-    """Displacement and certificate of a solver's forces x (3 m,) and amounts alpha (q,) of free motions; the last ones
-    are kept."""
+    """Displacement and certificate of a solver's forces x (3 m,) and amounts alpha (q,); the last ones are kept."""
 
     def __init__(self, problem: DiscreteProblem):
         self._problem = problem

@@ -281,8 +281,7 @@ def cell_measure(domain: Any) -> Any:
     rigid ones without energy, and take a third of the time.
 
     On linear tetrahedra the points are UFL's choice, one.  In second order the rule is exact for a constant stress on
-    curved cells (degree 3 on tetrahedra, in each direction 5 on hexahedra): UFL would take up to five times as many
-    points.
+    curved cells (degree 3 on tetrahedra, in each direction 5 on hexahedra): UFL takes up to five times as many.
     """
     hexahedral, order = domain.topology.cell_type.name == "hexahedron", compat.geometry_degree(domain)
     if order == 1 and not hexahedral:

@@ -48,8 +48,7 @@ class CompiledForm:
         return first
 
     def vector(self, constants: FloatArray | None = None) -> FloatArray:
-        """Of a linear form at this rank's nodes, shape (k, 3), with these values of the constants, or those that they
-        have; collective."""
+        """Of a linear form at this rank's nodes (k, 3), with these constants, or those that they have; collective."""
         of_parts = zip(*self._with(self.constants if constants is None else constants), strict=True)
         return np.sum([summed(fem.petsc.assemble_vector(part, of)) for part, of in of_parts], axis=0)
 

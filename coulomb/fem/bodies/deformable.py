@@ -185,8 +185,7 @@ class Deformable(ReducedBodies):
 
     @abstractmethod
     def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
-        """The forces of every support by itself, in the order given: each held direction belongs to the support that
-        prescribes it.
+        """The forces of every support by itself, in the order given: a held direction belongs to what prescribes it.
 
         Args:
             reaction: `held_part` of internal forces minus loads, springs and contact forces, newtons, shape (k, 3).

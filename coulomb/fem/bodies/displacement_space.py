@@ -326,8 +326,7 @@ class DisplacementSpace:
         return summed(fem.petsc.assemble_vector(form))
 
     def _added(self, part: FloatArray, form: Any) -> FloatArray:
-        """What the cells of all ranks add at this rank's nodes, shape (k, 3), from what its own add there and at its
-        ghosts (n,)."""
+        """What cells of all ranks add at this rank's nodes (k, 3), from what its own add there and at ghosts (n,)."""
         if self.comm.size == 1:
             return part.reshape(-1, 3)
         vector = compat.create_vector(form, self.V)

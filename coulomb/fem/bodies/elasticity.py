@@ -65,8 +65,7 @@ class LoadedBody(ElasticBody, HeldNodes):
     Where supports meet, the later one of those that act (`acting`) applies; `thermal` is its temperature, or None.
 
     Raises:
-        ValueError: If a face is unknown, a value not finite, a cell without a material or with two, no density under
-            gravity.
+        ValueError: If a face is unknown, a value not finite, a cell of no or two materials, no density under gravity.
     """
 
     def __init__(

@@ -73,8 +73,7 @@ class AddedSprings:
 
 @dataclass(eq=False)
 class Made:
-    """What follows from the coefficients of the stiffness and from supports: made when it is asked for, thrown away
-    when these change.
+    """What follows from coefficients of the stiffness and supports: made when asked for, dropped when these change.
 
     Attributes:
         values: The coefficients of the user's forms.
@@ -96,8 +95,7 @@ class ReducedBodies(HeldNodes, ABC):
     """Bodies with their stiffness in the unknowns.
 
     Attributes:
-        component: The component of the meshes of each of this rank's nodes, whether or not it is tied to others, shape
-            (k,).
+        component: The component of the meshes of each of this rank's nodes, tied to others or not, shape (k,).
         added_springs: Springs beside those of the bodies.
     """
 

@@ -39,7 +39,6 @@ def anchors(free: FreeMotions, R: FloatArray, x: FloatArray, places: Sequence[Bo
         R: This rank's n unknowns in them, by nodes of three, shape (n, 3, q).
         x: Where these are, metres, shape (n, 3).
         places: Which nodes suit, the best first, shapes (n,); the last ones determine all motions.
-        comm: The ranks.
     """
     found = np.zeros(R.shape[:2], dtype=bool)
     of = np.array([motion.component for motion in free.motions], dtype=np.int64)
@@ -374,8 +373,7 @@ def openings(
 def together(
     ties: Sequence[Tie], component: IntArray, names: tuple[str, ...], comm: MPI.Comm, links: Sequence[IntArray] = ()
 ) -> tuple[IntArray, tuple[str, ...]]:
-    """The component of every node, where those of these ties, and of linked nodes, are one, shape (k,), and their
-    names; collective."""
+    """The component of every node, where those tied and linked are one, shape (k,), and their names; collective."""
     if not ties and not links:
         return component, names
     starts, found = starts_of(comm, len(component)), [np.empty((0, 2), dtype=np.int64)]

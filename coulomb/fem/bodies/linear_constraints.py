@@ -38,13 +38,11 @@ _ROUNDING: Final = 2.0**-46
 
 
 class Constraints:
-    """The constraints of some bodies that act at a time, with the shortening of some bolts given; none by default;
-    collective.
+    """Constraints of bodies that act at a time, with given shortening of some bolts; none by default; collective.
 
     Args:
         nodes: The nodes, with what supports hold.
-        given: Ties, rigid faces, bolts and equations; of those that meet at some time, a later one may refuse nodes of
-            earlier ones.
+        given: Ties, rigid faces, bolts and equations; of those that meet, a later one may refuse nodes of earlier ones.
         time: By which ties act and bolts are locked.
         links: Springs between nodes; None without.
 

@@ -75,8 +75,7 @@ class StressError:
         modulus: Young's modulus of each cell in pascals, of orthotropic ones the harmonic mean of three, shape (c,).
         total: eta of all cells of all ranks, the square root of joules.
         norm: The same of the stress itself: the root of twice its strain energy, without that of a thermal strain.
-        along: Of a box, the parts of eta_K^2 that more planes across x, across y and across z would make smaller, shape
-            (3, c); else None.
+        along: Of a box, the parts of eta_K^2 that more planes across x, y and z would make smaller, (3, c); else None.
     """
 
     squared: FloatArray

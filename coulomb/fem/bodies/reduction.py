@@ -230,8 +230,7 @@ class Reduction:
         return forces
 
     def apart(self, u: FloatArray) -> FloatArray:
-        """D (u - W u) of displacements (k, 3), or (k, 3, j): by how much nodes are apart from those that they follow;
-        collective."""
+        """D (u - W u) of displacements (k, 3), or (k, 3, j): how far nodes are from what they follow; collective."""
         if not self._ties:
             return np.zeros_like(u)
         return self.followed(u - _each_column(partial(rows_of, self.W), u))

@@ -78,8 +78,7 @@ class RigidPart:
 
 
 def rigid_modes(x: FloatArray, comm: MPI.Comm) -> FloatArray:
-    """Translations along x, y, z and rotations about these axes through the mean of all nodes x, shape (k, 3, 6);
-    collective.
+    """Translations along x, y, z and rotations about them through the mean of all nodes x, shape (k, 3, 6); collective.
 
     Each has the size 1: the translations at every node, the rotations in the root mean square of all nodes.
     """
@@ -127,8 +126,7 @@ def of_components(
 
 
 def of_part(forces: FloatArray, x: FloatArray, here: BoolArray, comm: MPI.Comm) -> FloatArray:
-    """Forces of the `rigid_modes` of a component's nodes, those `here` (k,), from those of the body as a whole (k, 3,
-    6); collective."""
+    """Forces of `rigid_modes` of a component's nodes, `here` (k,), from the whole body's (k, 3, 6); collective."""
     _, parts = component_modes(x, np.where(here, 0, 1), comm)
     return of_components(forces, x, np.where(here, 0, 1), parts, comm)[here]
 

@@ -41,8 +41,7 @@ class StressDifference:
     Attributes:
         squared: d^2 in joules, twice the strain energy of the difference.
         cells: Number of cells over which it was integrated.
-        across: Number of those that are in several cells of the other mesh; 0 if that is the coarser one of a mesh that
-            was refined.
+        across: Number of those in several cells of the other mesh; 0 if that is the coarser one before refinement.
     """
 
     squared: float

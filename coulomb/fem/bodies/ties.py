@@ -272,10 +272,8 @@ class Tie:
             over all nodes, shapes (n,) and (n, nodes of all ranks); collective; None if none do.
         arm: Largest distance of a slave node from the point that it follows, over all ranks, metres.
         directions: Projectors on the directions along which the nodes follow others, shape (m, 3, 3): all of them, but
-            for nodes on an axis of cyclic symmetry, which may move along it, and those of a rigid face that is free
-            along itself.
-        own: N, their displacements by q unknowns that the tie has of its own, metres per metre, shape (m, 3, q), the
-            same q on every rank.
+            for nodes on an axis of cyclic symmetry, which may move along it, and of a rigid face free along itself.
+        own: N, their displacements by the q unknowns of the tie itself, m/m, shape (m, 3, q), the same q on every rank.
         motion: Of a rigid face, whose amounts its own unknowns are.
         bolt: Of the section of a bolt, whose shortening its own unknown is.
         prescribed: Of equations, their constants.

@@ -1,8 +1,7 @@
 """The facets of a face and where straight lines meet them, for the evidence of pairs alone.
 
 Written a second time on purpose: it shares no code with the mortar integration, whose gaps, normals and weights are
-judged by it (`pair_evidence`).  The point on a facet is found by Newton's method, of plane triangles in one
-step.
+judged by it (`pair_evidence`).  The point on a facet is found by Newton's method.
 """
 
 from __future__ import annotations

@@ -173,16 +173,14 @@ class Surface:
         obstacles: Sequence[Obstacle] = (),
         large: bool = False,
     ) -> Overlap | None:
-        """The overlap that is largest relative to the motion there; None if there is none worth a word; collective, the
-        same on every rank.
+        """The overlap that is largest relative to the motion there; None if none is worth a word; collective.
 
         Args:
             u: Displacement of this rank's nodes, metres, shape (k, 3).
             component: The component of the meshes that each is in, shape (k,).
             deformation: Mean displacement of the forces that deform it, metres, shape (k,).
             judged: Of every pair this rank's slave nodes that are kept out.
-            gaps: Of every pair the largest gap that is given beside the distance, metres: by so much its bodies may be
-                inside each other.
+            gaps: Of every pair the largest gap given beside the distance, metres: so far its bodies may overlap.
             obstacles: The rigid foundations.
             large: Whether bodies may have moved far: then relative motions count as at most the deformation.
         """
@@ -317,8 +315,7 @@ class Surface:
     def _inside(self, points: Sequence[Rows], cells: Sequence[FloatArray], deformed: bool) -> Rows:
         """The points that are in this rank's cells of each body with which they share no node, with the body, the
         component and the place of the material there, if it has moved relative to them, and whether it can have come
-        through a face alone out of which their contact keeps them; before deformation those in the component that they
-        have."""
+        through a face alone out of which their contact keeps them; before deformation in their component."""
         found = [points[0][:0]]
         for part, (body, of, these) in enumerate(zip(self._bodies, cells, points, strict=True)):
             if not len(these):

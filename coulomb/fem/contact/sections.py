@@ -75,8 +75,7 @@ def section_of(body: Deformable, given: Pretension, taken: BoolArray) -> Tie:
     """The section of a bolt, of nodes that are in no tie (`taken`, (k,)); collective.
 
     Raises:
-        ValueError: On every rank, as of `tie_of`, if it is not plane and has no direction, or if supports hold it along
-            the bolt.
+        ValueError: On every rank, as of `tie_of`, without plane or direction, or if supports hold it along the bolt.
     """
     comm, tie = body.comm, tie_of(body, given, taken)
     x = body.x[tie.nodes]

@@ -179,8 +179,7 @@ class TiedRows:
     Attributes:
         node: Numbers of the nodes in the patch, ascending, shape (m,).
         area: Integrals of their functions N' over the common part, m^2, shape (m,).
-        weights, opposite: Shapes (m, nodes of the slave), (m, nodes of the master); the rows of both together have the
-            sum 1.
+        weights, opposite: Shapes (m, nodes of the slave), (m, nodes of the master); rows of both have the sum 1.
         traction: Tractions at the nodes by the forces on nodes of the slave, 1/m^2, shape (m, nodes of the slave).
         distance: Mean distance of the faces along the normal, metres, shape (m,); negative where they overlap.
         untied: Numbers of nodes before the master that are not tied, since less than a share of 0.2 of their area is.
@@ -452,8 +451,7 @@ def _carrying(
     rows: scipy.sparse.csr_matrix, beside: scipy.sparse.csr_matrix, x: FloatArray, offset: FloatArray, rounding: float
 ) -> tuple[scipy.sparse.csr_matrix, FloatArray]:
     """Rows (m, nodes) at nodes x (nodes, 3) with the blocks of their entries, shape (entries, 3, 3), by which slave
-    nodes at an offset (m, 3) from there follow the rotation of the nodes in their rows and of those `beside` these
-    (nodes, nodes)."""
+    nodes at an offset (m, 3) from there follow the rotation of their rows' nodes and `beside` these (nodes, nodes)."""
     apart = np.linalg.norm(offset, axis=1) > rounding
     if np.any(apart):
         wider = (scipy.sparse.diags(apart.astype(np.float64)) @ abs(rows) @ beside).tocoo()

@@ -98,8 +98,7 @@ def finer(
         mesh: The bodies.
         squared: Of each body, by name ("" if it is alone), the squared errors of this rank's own c cells, shape (c,);
             of a box the parts that planes across x, across y and across z make smaller, shape (3, c).
-        flat: Volume between facets and the surface for which they stand, over that of a body (`polygon`), that is small
-            enough.
+        flat: Volume between facets and the surface for which they stand, over that of a body (`polygon`), small enough.
 
     Raises:
         ValueError: On every rank, as `refined`.

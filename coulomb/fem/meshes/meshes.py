@@ -86,8 +86,7 @@ def smooth_second_order(mesh: NamedMesh) -> NamedMesh:
 
 
 def first_order(mesh: NamedMesh) -> NamedMesh:
-    """The mesh with 4-node tetrahedra or 8-node hexahedra of the same corners, where curved edges and faces become
-    straight; collective.
+    """The mesh with 4-node tetrahedra or 8-node hexahedra of the same corners, edges and faces straight; collective.
 
     Args:
         mesh: A second-order mesh with its named faces and groups of cells, which are kept.
@@ -393,8 +392,7 @@ def read_mesh(
     with all corners in the set have all of its nodes as corners.
 
     Args:
-        path: The file; rank 0 reads it, and needs the memory for all of it, but for XDMF, of which every rank reads a
-            part.
+        path: The file; rank 0 reads it, and needs the memory for all; of XDMF every rank reads a part.
         names: Names of faces with the number of their facets, in formats with numbers (XDMF and those by meshio);
             others are called by the number, as in "3".
         cell_names: Names of cell groups with the number of their cells, in the same formats.
@@ -402,8 +400,7 @@ def read_mesh(
         comm: The ranks that share the mesh.
         cuts: Groups of facets inside the body along which it is cut: nodes are doubled, and each is two faces, one with
             its name and one with "_opposite" after it, for a `Pretension`, a `Tied` or a `Contact`.  Not for XDMF.
-        only: The group of cells that is read, in `.inp` files the set of elements; by default all.  Not of XDMF and
-            Exodus files.
+        only: The group of cells to read, in `.inp` files the set of elements; by default all.  Not of XDMF, Exodus.
 
     Raises:
         ValueError: On every rank, if the format is not known or the file cannot be read or used, with the reason.

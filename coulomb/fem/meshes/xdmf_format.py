@@ -276,8 +276,7 @@ def read(
     cell_names: Mapping[str, int],
     comm: MPI.Comm,
 ) -> MeshFile:
-    """Read a mesh, the first Grid of tetrahedra or hexahedra, every rank a part; arguments as of `read_xdmf`;
-    collective.
+    """Read a mesh, the first Grid of tetrahedra or hexahedra, every rank a part; as `read_xdmf`; collective.
 
     Returns:
         Of points, cells and facets those of this rank, of groups of cells the numbers of cells on any rank; cells and

@@ -258,8 +258,7 @@ def torque(run: Run) -> str:
 
 
 def _drive(run: Run) -> tuple[Any, str]:
-    """The largest motion in a history at every step, (steps, 3), and its source: a prescribed displacement or the
-    foundation."""
+    """The largest motion in a history at every step, (steps, 3), and what moves: a support or the foundation."""
     found: list[tuple[Any, str]] = []
     body = run.steps[0].grid("solution")
     if "held" in body.fields and "prescribed" in body.fields:

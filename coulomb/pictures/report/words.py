@@ -60,8 +60,7 @@ def other_totals(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, dict[st
     """What 1 % more of inputs does to totals beside contact forces: words of the total, its unit, and the changes, of
     one number or several, by the names of the inputs, largest first.
 
-    Totals that nothing changes are left out, and mean pressures where areas stay: they are in proportion to the normal
-    forces.
+    Totals that nothing changes are left out, and mean pressures where areas stay: they go with normal forces.
     """
     entries = summary.get("sensitivity") or ()
     for kind, words, name, unit in _OTHERS:
