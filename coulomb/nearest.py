@@ -40,7 +40,8 @@ def same_nodes(x: FloatArray, inside: FloatArray, points: Any, rows: Any, near: 
     """The number of every node x (k, 3) of a mesh among the points (n, 3) of the same mesh with other numbers, -1 for
     one that is farther than `near` from all of them, shape (k,).
 
-    Nodes at one place, as of parts that touch and of the sides of a cut, are told apart by their cells.
+    Nodes at one place, as of parts that touch and of the sides of a cut, are told apart by their cells, which do not
+    overlap.
 
     Args:
         x: Nodes in metres.

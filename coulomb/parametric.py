@@ -68,7 +68,8 @@ class ParametricAnswer:
             of_displacement: And along displacements, per metre, shape (k, 3); None is 0.
 
         Raises:
-            ValueError: If the user's chain rule gives no number for every parameter; as `Solution.gradient`.
+            ValueError: If the user's chain rule gives no number for every entry of the parameters; as
+                `Solution.gradient`.
         """
         gradient = self.at(parameters).gradient(of_force, of_displacement)
         found = [np.asarray(one, dtype=np.float64) for one in self._owed(gradient, *parameters)]

@@ -30,7 +30,8 @@ and displacements, shape (k, 3), as `Solution.gradient` takes them."""
 def solver(
     pose: Pose, owed: Owed, like: Any, measure: Measure | None = None, tolerance: float = 1e-10
 ) -> Callable[..., Any]:
-    """The answer of a problem as a function of its parameters: `AdjFloat`s, numbers, or a Function of dolfinx-adjoint.
+    """The answer of a problem as a function of its parameters: an `AdjFloat` or number each, or a Function of
+    dolfinx-adjoint.
 
     Args:
         pose: Poses the `ContactProblem` of parameters, which it is given as numbers and Functions.

@@ -1,4 +1,5 @@
-"""Paths: only regular files are read, since pipes may not end; where can be written, and how files are replaced."""
+"""Paths: only regular files are read, since a pipe or a device might not end; where can be written, and how a file is
+replaced."""
 
 from __future__ import annotations
 

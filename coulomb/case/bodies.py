@@ -117,7 +117,8 @@ class MeshTable(Table):
 
     def mesh(self, comm: MPI.Comm, poisson: float = 0.0) -> coulomb.NamedMesh:
         """What the table describes, for a material with this Poisson's ratio: tetrahedra of first order that would lock
-        are made second order, unless `degree` says otherwise; ValueError on every rank if the file is unusable."""
+        are made second order, unless `degree` says otherwise; ValueError on every rank, if the file cannot be read or
+        used."""
         from ..fem.bodies import LOCKING_ABOVE
         from ..fem.meshes import read_xdmf
 
@@ -160,7 +161,8 @@ BodyName = Annotated[Name, AfterValidator(_identifier)]
 
 
 class RotateTable(Table):
-    """A rotation: a point of the axis, metres, default the origin, its direction, the angle in radians, or degrees."""
+    """A rotation: a point of the axis in metres, by default the origin, its direction, and the angle in radians, or
+    degrees."""
 
     axis: Direction
     angle: Number
@@ -173,7 +175,8 @@ class RotateTable(Table):
 
 
 class BodyTable(MeshTable):
-    """One of several bodies: the keys of a mesh, material, place (rotated, then translated), its own gravity."""
+    """One of several bodies: the keys of a mesh, its material, where it is (rotated, then translated), and its gravity,
+    in place of that of the case."""
 
     name: BodyName
     material: MaterialTables

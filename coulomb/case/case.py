@@ -146,7 +146,8 @@ class Case(Table):
         return [(table, pair) for table, pair in keyed if pair is not None]
 
     def poisson(self, body: str) -> float:
-        """`largest_poisson` of a body, by its name; 0 where tables name nodes: the file's order is kept."""
+        """`largest_poisson` of a body, by its name; 0 where tables name nodes, since these are those of the file, whose
+        order is kept."""
         from ..fem.bodies import largest_poisson
 
         heated = self.temperature is not None and bool(self.temperature.at)

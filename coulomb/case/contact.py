@@ -134,7 +134,8 @@ class RegionTable(Table):
 
 
 class RotationTable(Table):
-    """Rotation of a foundation: a point of the axis in metres, direction, rows [time, angle], radians or `degrees`."""
+    """Rotation of a foundation: a point of the axis in metres, its direction, and rows [time, angle] in radians, or
+    `degrees`."""
 
     point: Vector
     axis: Direction

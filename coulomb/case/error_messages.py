@@ -72,7 +72,8 @@ def fault_of(error: ValidationError, where: str, case: _Model) -> ValueError:
 
 
 def _without_consequences(entries: list[Any]) -> list[Any]:
-    """Entries without lists that are too short as their values are wrong, and one for each list that lacks several."""
+    """Entries without lists that are too short because their values are wrong, and one entry for each list that lacks
+    several."""
     wrong = [entry["loc"] for entry in entries if entry["type"] != "too_short"]
     kept, lacking = [], set()
     for entry in entries:
@@ -159,7 +160,8 @@ def _shown(value: Any) -> str:
 
 
 def _meant(location: tuple[int | str, ...], given: Any, case: _Model) -> str:
-    """The line that is meant, or the table to which a key belongs, or a similar key, and the known keys there."""
+    """The line that is meant, or the table to which a key belongs, or a similar key, and the known keys of its
+    table."""
     name = str(location[-1])
     here = ".".join(part for part in location[:-1] if isinstance(part, str))
     tables = list(_tables(case))

@@ -20,7 +20,8 @@ KeyPath = tuple[str | int, ...]
 """A key in its tables, as ("contact", 0, "gap", "file")."""
 
 LARGEST: Final = 4_000_000
-"""Maximum bytes of a case file: a hundred thousand rows of an amplitude.  TOML is read at a megabyte per second."""
+"""Maximum bytes of a case file: a hundred thousand rows of an amplitude.  TOML is read at about a megabyte per
+second."""
 
 RECORDED: Final = 20 * LARGEST
 """The same of a case that a run has written, in which tables of amplitudes are in full."""

@@ -122,7 +122,8 @@ class ClampTable(PrescribedDisplacementTable):
 
 
 class PrescribedRotationTable(Table):
-    """Prescribed rotation of a face: a point of the axis in metres, its direction, the angle in radians or degrees."""
+    """Prescribed rotation of a face: a point of the axis in metres, its direction, and the angle in radians, or
+    degrees."""
 
     face: Name
     point: Vector

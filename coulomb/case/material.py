@@ -181,7 +181,8 @@ def refuse_groups(given: MaterialTable | tuple[GroupMaterialTable, ...], box: bo
 
 
 class TemperatureAtTable(Table):
-    """The temperature of the nodes of a set, of a group of cells, or by numbers of the mesh file ("body:12")."""
+    """The temperature of the nodes of a set or of a group of cells of the mesh file, or of some by their numbers there
+    (in several bodies "body:12")."""
 
     nodes: Name | Annotated[tuple[NodeNumber | Name, ...], Field(min_length=1, max_length=ROWS)]
     value: Number

@@ -1,4 +1,5 @@
-"""The case that a run keeps in its directory, and its record in every load step: none continues with another case."""
+"""The case that a run keeps in its directory, and the record of it in every load step, which prevents a continuation
+with another case."""
 
 from __future__ import annotations
 

@@ -52,7 +52,9 @@ class SolverTable(Table):
         return self
 
     def contact_solver(self, sloped: bool) -> Solver:
-        """The paper's Newton systems imply successive Tresca; `sloped`: friction grows with pressure anywhere."""
+        """The paper's Newton systems imply successive Tresca; `sloped` is whether friction grows with pressure
+        anywhere.
+        """
         systems: dict[str, NewtonChoice] = {
             "recycling": solvers.AugmentedSystem(),
             "augmented": solvers.AugmentedSystem(rank=0),

@@ -33,7 +33,8 @@ class FacePairTable(Table):
 
 
 class TieTable(FacePairTable, LastingTable):
-    """Two faces glued to each other: after `begin` as they are then, until `end`, from `reaches` on as undeformed."""
+    """Two faces that are glued to each other: after `begin` as they are then, until `end`, and from `reaches` on as
+    before deformation."""
 
     def tie(self) -> coulomb.Tied:
         return coulomb.Tied(self.face, self.against, self.slave, **self.lasting)
@@ -51,7 +52,8 @@ class CyclicSymmetryTable(FacePairTable):
 
 
 class PretensionTable(FacePairTable):
-    """The section of a bolt, tightened to a force in newtons or by a shortening in metres; by default at a cut."""
+    """The section of a bolt, tightened to a force in newtons or by a shortening in metres; by default against the other
+    side of a cut."""
 
     against: Name = ""
     force: Number | None = None
@@ -90,7 +92,8 @@ class TermTable(Table):
 
 
 class EquationTable(Table):
-    """Terms whose sum is a constant, metres: the first displacement is eliminated; or a spring of a `stiffness`."""
+    """Terms whose sum is a constant in metres, the displacement of the first being eliminated; or stretches a spring of
+    a `stiffness`."""
 
     terms: Annotated[tuple[TermTable, ...], Field(min_length=1, max_length=ROWS)]
     constant: Number = 0.0

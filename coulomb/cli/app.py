@@ -147,7 +147,8 @@ def run(
 
 
 def _too_large(settings: Case, target: Path) -> bool:
-    """Whether a deck that allows large motions has an answer that does not count, as they are large; on every rank."""
+    """Whether the answer of a deck that allows large motions does not count since motions are large; the same on every
+    rank."""
     if settings.deck is None or not settings.deck.nonlinear or settings.solver.kinematics == "large":
         return False
 
@@ -163,7 +164,8 @@ def _too_large(settings: Case, target: Path) -> bool:
 
 
 def recorded(case: Path) -> tuple[Path, Path | None]:
-    """The file of a case, and the directory of the run that recorded it, None for others; the same on every rank.
+    """The file of a case, and the directory of the run that has recorded it, None for other files; the same on every
+    rank.
 
     Raises:
         ValueError: On every rank, if a directory has no case.

@@ -114,7 +114,8 @@ class Sensitivities:
 
 _FARTHEST: Final = 0.01
 _NEAREST: Final = 1e-6
-"""The change of an input that verifies its derivative, at most half the step to the next border; the least."""
+"""The change of an input by which its derivative is verified, of which half the step to the next border is taken; and
+the least."""
 
 _SECOND: Final = 1.8
 """Order of the remainder from which it counts as of second order."""

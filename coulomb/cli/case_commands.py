@@ -1,4 +1,5 @@
-"""`coulomb new`, `check-case`, `contacts` and `convert`: templates, validation, pairs found, meshes as XDMF."""
+"""`coulomb new`, `check-case`, `contacts` and `convert`: template cases, validation of a case, the pairs of faces that
+it finds, and meshes as XDMF."""
 
 from __future__ import annotations
 

@@ -65,7 +65,8 @@ class LibraryMessages(logging.Handler):
 
 @contextmanager
 def showing_messages(of_information: Console) -> Iterator[None]:
-    """Show the library's log messages, those of level INFO on this console; in another such context in its place."""
+    """Show the library's log messages, those of level INFO on this console; inside another such context, in place of
+    it."""
     library = logging.getLogger("coulomb")
     before = [handler for handler in library.handlers if isinstance(handler, LibraryMessages)]
     level, propagate = library.level, library.propagate

@@ -57,7 +57,8 @@ def refuse_unwritable(target: Path) -> None:
 
 
 def refuse_too_large(problem: ContactProblem, raised: Sequence[str] = ()) -> None:
-    """ValueError on every rank if memory is short, with what would fit and the bodies of `raised` order; collective."""
+    """A ValueError on every rank if a node has too little free memory, with what would fit, and the bodies whose order
+    was `raised`; collective."""
     needed, fits = problem.body.memory(), least_room(problem.comm)
     if needed <= fits:
         return

@@ -157,7 +157,8 @@ def _solve_once(
 
 
 def _refine(session: Session, settings: Case, problem: ContactProblem, refinement: Refinement, target: Path) -> Refined:
-    """The answer on a mesh refined until its error bars are small enough; each is written, as a run may be killed."""
+    """The answer on a mesh refined until its error bars are small enough; that on every mesh is written, for a run that
+    is killed later."""
     to, totals, unknowns = refinement
     display = Display(session.console, changing=True)
 

@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 
 @dataclass
 class Session:
-    """Console, log, interruption and start of a run, where results before are kept, whether an answer is written."""
+    """Console, log, interruption and start time of a run, the directory that keeps the results before, and whether an
+    answer has been written."""
 
     console: Console
     log: Log

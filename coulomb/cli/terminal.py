@@ -260,7 +260,8 @@ def _before(kept: str) -> str:
 
 
 def show_error_bars(console: Console, contents: dict[str, Any], tolerance: float) -> None:
-    """Print error bars if the summary has them, and whether the solver's tolerance leaves over a hundredth of one."""
+    """Print totals with their error bars, if the summary has them, and whether the tolerance of the solver leaves more
+    than a hundredth of one."""
     rows = [(name, plain(shown)) for name, shown, _ in bars_in_words(contents)]
     if rows:
         console.out(f"error bars of the mesh, from {compared_in_words(contents)}:")

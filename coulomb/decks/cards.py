@@ -127,7 +127,8 @@ class Card:
         return [word.strip().strip('"').strip() for word in self._line(row).split(",")]
 
     def rows(self, needs: str = "", least: int = 1) -> Iterator[tuple[int, list[str]]]:
-        """The fields of every data line, with its number; ValueError, with what it needs, where one has too few."""
+        """The fields of every data line, with its number among them; ValueError, with what it needs, where one has
+        fewer than the least."""
         for row in range(len(self.lines)):
             words = self.words(row)
             if len(words) < least or not words[0]:

@@ -40,7 +40,8 @@ def contact_tables(of: Reading) -> list[dict[str, Any]]:
 
 
 def general_contact(of: Reading) -> dict[str, Any]:
-    """Abaqus' general contact of all faces as [auto_contact]; empty if there is none, or surfaces are named."""
+    """Abaqus' general contact of all faces as the table [auto_contact], in which pairs are found; empty if there is
+    none, or surfaces are named."""
     if not any(card.kind == "CONTACT" for card in of.model) or _included(of):
         return {}
     interactions, assigned = _interactions(of), _assigned(of)
@@ -307,7 +308,8 @@ def _friction(of: Reading, interaction: _Interaction, name: str) -> dict[str, An
 
 
 def _note_stick_slope(of: Reading, card: Card | None) -> None:
-    """Say where CalculiX lets sticking surfaces slip: by shear over stick slope, by default half the first modulus."""
+    """Say where CalculiX lets surfaces slip that stick: by shear stress over stick slope, half of the first modulus
+    where the slope is not given."""
     moduli = _moduli(of)
     if not _coefficient(card) or card is None or not moduli or "SLIPTOLERANCE" in card.parameters:
         return
@@ -360,7 +362,8 @@ def _limit(card: Card | None) -> float | None:
 
 
 def _adjusted(of: Reading, card: Card, clearance: float | None) -> dict[str, Any]:
-    """Gaps that are closed without strain (ADJUST), or given (*CLEARANCE); large motions keep those of the mesh."""
+    """Gaps that are closed without strain (ADJUST), or that are given (*CLEARANCE); in large motions those of the mesh
+    stay."""
     if of.large and (clearance is not None or card.get("ADJUST")):
         of.notes.append(f"line {card.line}: large motions measure gaps between the facets as they are: none is closed")
         return {"gap": clearance} if clearance else {}

@@ -1,4 +1,5 @@
-"""Equations between displacements of nodes in a deck: *EQUATION, *MPC PLANE and STRAIGHT, couplings of some directions.
+"""Equations between displacements of nodes in a deck: *EQUATION, *MPC of kind PLANE and STRAIGHT, couplings of some
+directions.
 
 Reference nodes, which belong to no solid element, are eliminated: where one is held or moved it is a constant, else it
 follows from an equation, and its forces go with it to the nodes of that.
@@ -164,7 +165,8 @@ class Equations:
             loads: Their forces.
 
         Raises:
-            ValueError: If nothing says where a loaded reference node is, or constants of an equation differ in time.
+            ValueError: If nothing says where a reference node with a force is, or one equation has constants with
+                different courses in time.
         """
         forces = {dof: [(rows, 1.0) for rows in given] for dof, given in loads.items() if dof not in held}
         left = self._without_references(held, forces)

@@ -73,7 +73,8 @@ class _Instance:
         return (x + self.shift - self.about) @ self.turn.T + self.about if self.name else x
 
     def turn_frame(self, card: Card) -> None:
-        """Let an *ORIENTATION or *TRANSFORM go with the part: a cylinder's axis as places, others by the rotation."""
+        """Let the frame of an *ORIENTATION or *TRANSFORM go with the part: the axis of a cylinder as its places, other
+        axes with the rotation."""
         points: FloatArray = card.vector(0, 6).reshape(2, 3)
         of_cylinder = (card.key("SYSTEM") or card.key("TYPE")).startswith("C")
         points = self.place(points) if of_cylinder else points @ self.turn.T
@@ -258,7 +259,8 @@ class Geometry:
             into.members.append(np.array(run, dtype=np.int64))
 
     def label(self, word: str, of: _Instance | None = None) -> IntArray | str:
-        """What a word names: the number of a node or element, as `7` or `Instance.7`, in an array; or a set's name."""
+        """What a word names: the number of a node or element, as `7` or `Instance.7`, in an array; or the name of a
+        set."""
         if _LABEL.fullmatch(word):
             return np.array([int(word) + (of or self._outside).first], dtype=np.int64)
         name, dot, number = word.rpartition(".")
@@ -383,7 +385,8 @@ class Geometry:
 
     @cached_property
     def section(self) -> str:
-        """The kind of slice of a deck without solid elements, else ""; ValueError for elements of several kinds."""
+        """The kind of slice of which a deck without solid elements has the section, "" of others; ValueError if there
+        are elements of several kinds."""
         kinds = {SLICES[name[:3]]: name for name in self.elements if SECTION.match(name)}
         if not kinds or any(SOLID.match(name) for name in self.elements):
             return ""

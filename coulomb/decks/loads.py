@@ -125,7 +125,8 @@ class Loads:
         return frozenset((int(n), side) for what, side in lines if side for n in self._of.deck.elements_of(what))
 
     def _volumes(self, volumes: Tracks[_Volume], sections: _Sections) -> dict[str, Any]:
-        """Loads in the volume: of all elements, of one course in time, as gravity, body_force; others by groups."""
+        """Loads in the volume: of all elements, with one course in time, as gravity and body_force; others by groups of
+        cells."""
         every = np.sort(self._of.all_elements)
         together: dict[tuple[str, tuple[float, ...], Rows], list[str]] = {}
         for (name, kind, numbers), track in volumes.all:

@@ -45,7 +45,8 @@ def material_of(section: Card, cards: list[Card], ends: tuple[float, float] | No
 
 
 def _at(card: Card, count: int, temperature: float | None) -> FloatArray:
-    """So many constants at a temperature, linear between lines, constant outside; without one the first line's."""
+    """So many constants at a temperature: linear between the lines, constant outside; without a temperature those of
+    the first line."""
     if not card.lines:
         raise card.fault("has no constants")
     lines = -(-count // 8)  # eight numbers on a line

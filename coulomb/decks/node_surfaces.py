@@ -29,7 +29,8 @@ def named_sides(
         side: S1, S2, ...; "" for all sides.
 
     Yields:
-        Numbers of their nodes, (k, width), and the columns of the corners of each side; none if there is no such side.
+        Numbers of their nodes, shape (k, width), and in which columns the corners of each side are; none if they have
+        no such side.
     """
     for block in rows.values():
         mine = block if what is None else block[np.isin(block[:, 0], deck.elements_of(what))]

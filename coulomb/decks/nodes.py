@@ -25,7 +25,8 @@ _TYPES: Final = {
 _LETTERS: Final = " xyz"
 
 _ON_AXIS: Final = 1e-9
-"""Distance of a node from the axis of its frame, over the length of the given vector, up to which it is on it."""
+"""Distance of a node from the axis of its frame, over the length of the vector that gives it, up to which it is on
+it."""
 
 _Key = tuple[int, int]  # node, degree of freedom
 
@@ -191,7 +192,8 @@ class NodalTables:
         return found
 
     def _in_space(self, nodes: Any, force: FloatArray, frame: Card | None) -> Iterator[tuple[Any, FloatArray]]:
-        """Nodes with their force along x, y and z: the same for all, but around the axis of a cylinder each its own."""
+        """Nodes with their force along x, y and z: all with the same, but around the axis of a cylinder each with its
+        own."""
         if frame is None:
             yield nodes, force
         elif frame.key("TYPE") != "C":

@@ -17,7 +17,8 @@ def add_skins(deck: Geometry) -> None:
 
 
 def skin_of(deck: Geometry, card: Card) -> Surface | None:
-    """The surface of the bodies of a *RIGID BODY, in the deck from then on as "SET skin"; None of an NSET of a face.
+    """The surface of the bodies of a *RIGID BODY, which the deck has from then on as "SET skin"; None of an NSET of a
+    face.
 
     Raises:
         ValueError: If its ELSET is not known, or elements outside of it share nodes with it.

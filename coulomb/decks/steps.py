@@ -104,7 +104,8 @@ class Track:
         rows: Times and values so far.
         begin: When a support begins; None from the start.
         end: When it ends; None never.
-        reaches: Of one that begins, when its displacement is the rows': until then it goes there; None if it stays.
+        reaches: Of one that begins, when its displacement is that of the rows: until then it goes there from where it
+            is; None if it stays.
         goes_on: A value and its amplitude in total time, which goes on in later steps; None for others.
     """
 

@@ -242,7 +242,8 @@ class _Translator:
         return found
 
     def _temperatures_of(self, elements: IntArray, material: list[Card]) -> tuple[float, float] | None:
-        """Those of start and end at the nodes of some elements, the mean where they differ; None if none is given."""
+        """Those of the start and the end at the nodes of some elements, the mean where they differ; None if none is
+        given."""
         found = self.temperatures.ends(elements)
         if found is None:
             return None

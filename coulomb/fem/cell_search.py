@@ -14,7 +14,8 @@ from . import compat
 from .compat import basix, geometry
 
 SNAP: Final = 0.05
-"""How far outside a cell, in reference coordinates, a point has its values: meshes have other chords of surfaces."""
+"""How far outside a cell, in its reference coordinates, a point has its values: other meshes have other chords of a
+curved surface."""
 
 ROUNDING: Final = 1e-9
 """How far outside a cell a point is still in it."""

@@ -30,7 +30,8 @@ _FOREIGN: Final = 60.0
 _to_announce = False  # whether the next compilation is to be announced
 
 _loaded: dict[tuple[str, str], Any] = {}
-"""Result of FFCx's look-up by directory and name: it loads the module again each time, for stresses thrice a step."""
+"""Result of FFCx's look-up by directory and name: it loads the module again each time; stresses need three look-ups per
+load step."""
 
 
 def announce() -> None:

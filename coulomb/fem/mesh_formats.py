@@ -15,7 +15,8 @@ FORMATS = {
     **dict.fromkeys((".bdf", ".nas"), ("Nastran", "meshio")),
     ".mesh": ("Medit", "meshio"),
 }
-"""By extension in lower case: the program that writes it, and X of the module meshes.X_format that reads it."""
+"""By file name extension in lower case: the program that writes it, and X of the module meshes.X_format that reads
+it."""
 
 NUMBERED = {".xdmf", ".vtu", ".vtk", ".bdf", ".nas", ".mesh"}
 """Formats whose groups are numbers on facets and cells, to which a user gives names."""

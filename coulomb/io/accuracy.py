@@ -1,4 +1,5 @@
-"""Amounts below the accuracy of an answer, shown as 0 (`units.rounded`) by terminal and pictures.  Standard library."""
+"""Amounts below the accuracy of an answer, shown as 0 (`units.rounded`) by terminal, report and pictures.  Standard
+library only."""
 
 from __future__ import annotations
 

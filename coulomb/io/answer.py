@@ -72,7 +72,8 @@ class Answer:
         missed: Of each contact face without contact, by its name, the smallest part by which the displacement would
             have to be larger to close a gap.
         nearer: The totals if the displacement at these faces were larger by a part of it; None where all have contact.
-        polygon: Volume between plane facets and the smooth surface they stand for, over the body's, the largest of all.
+        polygon: Volume between plane facets and the smooth surface for which they stand, over that of the body, the
+            largest of all bodies.
         volume: Of the bodies by the corners of their cells, m^3.
         few_chords: What to say of faces that may stand for curved ones, but have fewer than ten chords in a circle.
         chord: Of the facets in contact, over the approach (`SmallStrain.chord`).
@@ -146,7 +147,8 @@ def _totals(solution: Solution) -> tuple[dict[str, Any], Totals, FloatArray]:
 
 def _without_contact(solution: Solution) -> tuple[dict[str, float], FloatArray]:
     """Of each contact face without contact, by its name, the smallest remaining gap over the displacement there; and
-    these displacements along the normal, of both bodies of a pair, metres (m,), 0 on other faces; collective."""
+    these displacements along the normal, of both bodies of a pair together, metres, shape (m,), 0 on other faces;
+    collective."""
     problem, at, over = solution.problem, solution.at_nodes, Reductions(solution.problem.comm)
     gap = problem.surface.gap - problem.relative_displacement(solution.change)[:, 0]
     moved, found = np.zeros_like(gap), dict[str, float]()
@@ -264,7 +266,8 @@ def _totals_in(place: str, part: Any) -> Iterator[tuple[str, FloatArray, str]]:
 
 
 def even_contact(problem: DiscreteProblem, nodes: Mapping[str, int]) -> bool:
-    """Whether all contact points stick, or all slip, or all are open, and no contact node is held along n; collective.
+    """Whether all contact points stick, or all slip, or all are open, and no node of a contact face is held along the
+    normal; collective.
 
     Otherwise totals have errors of the order of cells along the borders of sticking, slip and contact, and along edges
     of held faces that are in contact, whose nodes are no contact points.  Not after load steps either, since slip

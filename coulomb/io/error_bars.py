@@ -111,7 +111,8 @@ class ErrorBar:
 
     @property
     def bar(self) -> FloatArray:
-        """Estimated bound of |value - exact value|, of each component: the parts' sum; nan where it diverges."""
+        """Estimated bound of |value - exact value|, of each component: the sum of the parts; nan where the total does
+        not converge."""
         return self.discretisation + self.contact + self.algebraic + self.geometry
 
     def entry(self) -> dict[str, Any]:
@@ -136,7 +137,8 @@ class ErrorBars:
     Attributes:
         bars: Of every total.
         answers: What was compared: the answer itself, then the others.
-        relative_stress_error: Error of the stress over the stress, of all bodies, in the energy norm; None if unknown.
+        relative_stress_error: Error of the stress over the stress, both of all bodies, in the energy norm; None where
+            it is not known.
         warnings: On cells that lock, on bars that may be too short since these could not be compared, and on polygons
             that are not in the bars.
     """
@@ -319,7 +321,8 @@ def bars_of(answers: Sequence[Answer], unknown: float = 0.0) -> ErrorBars:
 
     Args:
         answers: The answers.
-        unknown: Volume by which the surface with the nodes of the finest meshes may be wrong, over the body's.
+        unknown: Volume by which the surface on which the finest meshes have their nodes may be wrong, over that of the
+            body.
 
     Raises:
         NoErrorBars: If no other answer has other cells or another order.
@@ -407,7 +410,8 @@ def _unseen(first: Answer, compared: Sequence[Answer]) -> float:
 
 def _bounds(first: Answer, coarser: Answer) -> tuple[float, float]:
     """Of the order of totals: that of the energy norm, by the errors of the stress on two meshes, and twice that (Aubin
-    and Nitsche), at most the displacement's; not below SLOWEST and FASTEST, which they are if errors are unknown."""
+    and Nitsche), but at most that of the displacement; not below SLOWEST and FASTEST, which they are if the errors are
+    not known."""
     if not (first.stress_error > 0.0 and coarser.stress_error > 0.0):
         return SLOWEST, FASTEST
     order = math.log(coarser.stress_error / first.stress_error) / math.log(coarser.size / first.size)

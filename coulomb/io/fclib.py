@@ -46,7 +46,8 @@ class FCLIBProblem:
     def residual(self, r: FloatArray) -> float:
         """FCLIB's residual, |r - P(r - (u + mu |u_t| n))| / (1 + |q|), P the projection on the cones.
 
-        Evaluated for the problem scaled to a mean diagonal of W of 1 and a largest |q| of 1, whatever the units.
+        Evaluated for the problem scaled to a mean diagonal of W of 1 and a largest |q| of 1, to be independent of
+        units.
         """
         d, size = self.W.diagonal().mean(), np.abs(self.q).max() or 1.0
         q, r = self.q / size, r * d / size

@@ -1,4 +1,5 @@
-"""The XDMF files of a run with their HDF5 files: reading of meshes and fields.  Without DOLFINx and MPI."""
+"""The XDMF files of a run with their HDF5 files: reading of meshes, fields and time series.  Uses neither DOLFINx nor
+MPI."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ WHOLE = "mesh"
 """Name of the only grid of a file, and of its group with `geometry` and `topology` in `Mesh`."""
 
 OPPOSITE = "opposite_of"
-"""A field of contact.xdmf that only faces opposite in pairs have: the number of the contact, at all nodes."""
+"""A field of contact.xdmf that only the faces opposite in pairs have: the number of the contact, the same at all
+nodes."""
 
 NODE = "node"
 """A field of contact.xdmf: the number of the point in solution.xdmf, of its body if there are several, from 0."""

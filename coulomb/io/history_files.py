@@ -2,7 +2,8 @@
 
 The summary of a step is about that step: its iterations, time, largest pressure, and slip since the step before.  In
 the entry `history` of that of the whole, iterations and seconds are sums over all steps; pressures, slips, residuals
-and measures of the certificate are the largest of all steps, with step and time; energies accumulate from the start.
+and the measures of the certificate are the largest of all steps, each with its step and time; energies are accumulated
+from the start.
 """
 
 from __future__ import annotations
@@ -328,7 +329,8 @@ def points_in_files(step: RunDirectory, problem: ContactProblem) -> tuple[Points
 
 
 def at_points(file: Path, name: str, points: Points, comm: MPI.Comm) -> FloatArray:
-    """A vector field of an XDMF file at this rank's points of its grids (k, 3), 0 where not all are there; collective.
+    """A vector field of an XDMF file at this rank's points of its grids, shape (k, 3), 0 where not all are there;
+    collective.
 
     Raises:
         ValueError: On every rank, if a file cannot be read, or lacks a grid or a point.

@@ -55,7 +55,8 @@ def single_layer(body: Deformable) -> bool:
 
 
 def needs_second_order(body: Deformable) -> bool:
-    """Whether second-order tetrahedra would lock in first order: answers of that tell nothing of their error."""
+    """Whether tetrahedra of second order would keep their volume in first order: answers of that tell nothing of their
+    error."""
     return any(
         member.body.degree == 2
         and member.body.materials is not None

@@ -32,7 +32,8 @@ def other_problems(problem: DiscreteProblem, ways: Sequence[Way] = ()) -> Iterat
     ranks; collective.
 
     Others than these two if `ways` are given.  A mesh on which it cannot be posed is left out: supports hold all nodes
-    of a single cell, curved cells may become flat, and faces or groups added to a box are not on coarser ones.
+    of a single cell, curved cells may become flat, and faces or groups that were added to a box are not on coarser
+    ones.
     """
     if not isinstance(problem, ContactProblem) or isinstance(mesh := problem.made_of, Deformable):
         raise NoErrorBars(

@@ -47,7 +47,8 @@ def write(
     mesh: Path | None = None,
     keep: bool = True,
 ) -> dict[str, Any]:
-    """Write all results into a directory; those there become DIRECTORY.previous when all new ones are complete.
+    """Write all results into a directory; those that are there are kept as DIRECTORY.previous when all new ones are
+    complete.
 
     Args:
         solution: The answer, converged or not.

@@ -155,7 +155,8 @@ def interpolated(
     """Values of functions of DOLFINx on the mesh of a body, of scalars, vectors or tensors, by name, at this rank's
     nodes, and in its own cells; collective.  `taken` are the names of the fields that the package writes.
 
-    A function of a continuous space is interpolated to the displacements' nodes, another to the midpoints of cells.
+    A function of a continuous space is interpolated to the nodes of the displacements, another one to the midpoints of
+    the cells.
 
     Returns:
         By name, rows per node, and rows per cell.

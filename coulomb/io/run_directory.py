@@ -145,7 +145,8 @@ class RunDirectory:
 
 
 def read_table(path: Path) -> list[dict[str, Any]]:
-    """The rows of history.csv or iterations.csv, by column names: numbers, booleans, texts; None for nan, inf, nothing.
+    """The rows of history.csv or iterations.csv, by column names: numbers, booleans, and texts; None for nan, inf and
+    nothing, as in JSON.
 
     Raises:
         ValueError: If it cannot be read.

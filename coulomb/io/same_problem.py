@@ -70,7 +70,8 @@ def _described(problem: DiscreteProblem) -> dict[str, Any]:
 
 
 def _unlike(a: Any, b: Any, name: str = "") -> str:
-    """Where two values differ, in words: "friction of contact 2 is 0.2, not 0.3"; empty if equal, or not told apart."""
+    """Where two values differ, in words: "friction of contact 2 is 0.2, not 0.3"; empty if they are equal, or cannot be
+    told apart."""
     parts: list[tuple[Any, Any, str]] = []
     equal = a is b
     of = f" of {name}" if name else ""

@@ -28,7 +28,8 @@ BRANCHES = ("any", "stable")
 
 
 def refuse_wrong(given: Mapping[str, object]) -> None:
-    """Refuse what is no mesh or body, arguments that differ between ranks or are not what names say; collective.
+    """Refuse what is no mesh or body, other arguments that differ between ranks, or that are not what their names say;
+    collective.
 
     Raises:
         ValueError: On every rank.

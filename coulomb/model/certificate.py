@@ -149,7 +149,8 @@ def rigid_balance(e: Evidence, outer: FloatArray, lengths_: FloatArray, turnover
     A rigid motion causes no internal force, except in an elastic foundation that is part of the internal forces.  If no
     prescribed displacement prevents it, only springs and such foundations do (`Evidence.ground`), and their forces may
     be a millionth of the internal forces.  So the forces along such a motion are compared with those of the springs, or
-    with those that they would have for a motion by the scale of displacements; if contact alone resists, with all.
+    with those that they would have for a motion by the scale of displacements; if contact alone resists, with all
+    forces.
 
     Args:
         e: Evidence; of the contact only the forces at the nodes are used.

@@ -74,7 +74,8 @@ def lengths(vectors: FloatArray) -> FloatArray:
 
 
 def largest_motions(component: IntArray, u: FloatArray, over: Reductions) -> FloatArray:
-    """Largest entry of displacements u (k, 3) in the component of the meshes of each node, metres, (k,); collective."""
+    """Largest component of the displacements u (k, 3) in the component of the meshes of each node, metres, shape (k,);
+    collective."""
     count = 1 + int(over.max(component.astype(np.float64)))
     return _Bodies(component, count, over).largest(np.max(np.abs(u), axis=1))[component]
 
@@ -82,7 +83,8 @@ def largest_motions(component: IntArray, u: FloatArray, over: Reductions) -> Flo
 def rounding_forces(body: Deformable, u: FloatArray) -> FloatArray:
     """Nodal forces in newtons of a rounding error of the displacement u, shapes (k, 3); collective.
 
-    The error is 2^-52 of the largest component of u in the same component of the meshes, with alternating signs.
+    The error is 2^-52 of the largest component of u in the same component of the meshes, with signs that vary from node
+    to node.
     """
     motion = largest_motions(body.component, u, Reductions(body.comm))
     return body.internal_force(2.0**-52 * motion[:, None] * varying_signs(body.x, body.comm))
@@ -206,7 +208,8 @@ def scales_of(e: Evidence, outer: tuple[FloatArray, ...], over: Reductions) -> S
 
 
 def deformations(e: Evidence, over: Reductions) -> tuple[FloatArray, FloatArray]:
-    """Work of forces that deform each component of the meshes, joules, and mean displacement, metres; collective."""
+    """Work of the forces that deform each component of the meshes, joules, and their mean displacement, metres, shapes
+    (n,); collective."""
     nodes, forces = _Bodies(e.component, 1 + int(over.max(e.component.astype(np.float64))), over), e.deforming
     work = np.maximum(nodes.sums(np.einsum("ki,ki->k", e.displacement, forces)), 0.0)
     sizes = nodes.sums(lengths(forces))
@@ -219,9 +222,11 @@ class FaceScales:
     judged: what stands beside them in the model does not count.
 
     Attributes:
-        deformation: Mean displacement of forces that deform these bodies, of both sides the larger, metres (faces,).
+        deformation: Mean displacement of the forces that deform these bodies, of both sides the larger one, metres,
+            shape (faces,).
         approach: Work of the forces that deform them over the sum of the normal forces on them, metres, shape (faces,).
-        force: Largest normal force of a point on them, newtons, at least `_LEAST_FORCE` of the model's (faces,).
+        force: Largest normal force of a contact point on them, newtons, at least `_LEAST_FORCE` of that of the model,
+            shape (faces,).
     """
 
     deformation: FloatArray

@@ -82,7 +82,8 @@ def ill_conditioned(elasticity: Deformable) -> bool:
 
 
 def _moduli(elasticity: Deformable) -> list[float]:
-    """Young's moduli of materials, of orthotropic ones the largest, pascals; 0 of functions, which may be far apart."""
+    """Young's moduli of all materials, of orthotropic ones the largest, pascals; 0 of functions of place, which may be
+    far apart."""
     materials = [member.body.materials for member in elasticity.members]
     moduli = [m.young for given in materials if given is not None for _, m in by_group(given)]
     return [0.0 if of_place(young) else float(np.max(cast(Any, young))) for young in moduli]

@@ -138,7 +138,8 @@ class PressureFriction:
             )
 
     def factors(self, area: FloatArray, factor: float) -> tuple[FloatArray, FloatArray]:
-        """F times a factor, and the normal forces, newtons, at which it is given, at areas (k,), m^2; (k, points)."""
+        """F times a factor, and the normal forces in newtons at which it is given, at nodes of areas (k,) in m^2;
+        shapes (k, points)."""
         return np.tile(np.multiply(factor, self.coefficients), (len(area), 1)), np.multiply.outer(area, self.pressures)
 
 
@@ -206,7 +207,8 @@ class Contact:
     """A contact face, its foundation and its law of friction |x_t| <= min(c a + F x_n, q a), a the area of a node.
 
     Coulomb's law has friction F alone, Mohr-Coulomb's friction and cohesion c, Tresca's slip_stress in place of both: a
-    cohesion alone.  Cohesion resists slip, not opening, and acts on open nodes too.  q is the `friction_limit`, if any.
+    cohesion alone.  A cohesion resists slip, not opening, and acts on open nodes too.  q is the `friction_limit`, if
+    there is any.
 
     Friction may be orthotropic, (F1, F2) with a direction: the friction force T lies in the ellipse with the semi-axes
     r F1/F along the direction and r F2/F across it, r = c a + F x_n and F the larger of both; slip is along the outward
@@ -236,7 +238,8 @@ class Contact:
             "skin_facing_itself_2", in large motions at the beginning of every load step.
         adjust: Gaps and penetrations between two deformable faces up to this size in metres, as meshes leave them where
             surfaces are the same, are closed before deformation, without strain.
-        smooth: Facets of first order of a pair stand for smooth surfaces, by mean normals, when its gap is measured.
+        smooth: The facets of first order of a pair stand for smooth surfaces, with the mean normals at their corners,
+            when its gap is measured.
         surface: The surface for which the facets of the face stand when the gap of a pair is measured: a `Cylinder`, a
             `Sphere` or any signed distance that is 0 there.  Its nodes must be on it; those of finer meshes will be.
         against_surface: That of the face `against`.

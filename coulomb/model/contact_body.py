@@ -113,7 +113,8 @@ class ContactBody:
     Attributes:
         contacts: The contact faces; of pairs of deformable faces with the slave as face.
         chosen: Which face of every pair is the slave, in words.
-        foundations: Of all contact faces before any motion; by default its plane; None against a deformable face.
+        foundations: Of all contact faces before any motion; by default the plane of the face; None against a
+            deformable face.
         foundation_loads: Force and moment on them.
         elasticity: K, loads and supports.
         comm: The ranks that share the body.
@@ -227,7 +228,8 @@ class ContactBody:
         return known
 
     def surface_of(self, elasticity: Deformable, time: float, poses: FloatArray | None) -> ContactSurface:
-        """The contact surface of the bodies at a time, with foundations under load in these poses; collective."""
+        """The contact surface of the bodies as they are at a time, with foundations under load in these poses;
+        collective."""
         there = self._of(elasticity, time)
         return there.surface(there.foundation_motions(time, poses), time, elasticity)
 
@@ -314,7 +316,8 @@ class ContactBody:
         refuse_held_inside(self.contacts, self.foundations, self.held_in_pairs, elasticity, time, given, exact)
 
     def foundation_motions(self, time: float, poses: FloatArray | None = None) -> tuple[RigidMotion, ...]:
-        """Of foundations at a time, of those under load with their `ContactState.poses`, by default 0; collective."""
+        """Of all foundations at a time, of those under load with their `ContactState.poses`, by default 0;
+        collective."""
         return self._faces.foundation_motions(time, poses, self.motion_factors)
 
     @cached_property
@@ -345,7 +348,8 @@ class ContactBody:
         return off, depths
 
     def recorded_poses(self, contents: Mapping[str, Any]) -> FloatArray | None:
-        """`ContactState.poses` as a summary.json has them; None without any; ValueError if it does not fit."""
+        """`ContactState.poses` as a summary.json has them; None without foundations under load; ValueError if it does
+        not fit."""
         names = self.foundation_loads.names
         if not names:
             return None
@@ -360,7 +364,8 @@ class ContactBody:
         return poses
 
     def recorded_turns(self, contents: Mapping[str, Any]) -> FloatArray | None:
-        """`State.turns` as a summary.json has them; None without rigid faces or large motions; ValueError if unfit."""
+        """`State.turns` as a summary.json has them; None in small motions, and without rigid faces; ValueError if it
+        does not fit."""
         motions = self.elasticity.constraints.motions
         if not any(one.finite for one in motions):
             return None
@@ -461,7 +466,8 @@ class ContactBody:
     def _spins_and_origin(
         self, motions: Sequence[RigidMotion], surface: ContactSurface, time: float, before: State | None
     ) -> tuple[tuple[Spin | None, ...], FloatArray]:
-        """Given rotations of foundations, and the displacement from which slip counts, after a step; collective."""
+        """Given rotations of the foundations, and the displacement from which slip counts, after a load step;
+        collective."""
         start = time if before is None else before.time
         then = self.foundation_motions(start, None if before is None else before.poses)
         carried = surface.components(since_at(motions, then, surface.part, surface.x))

@@ -129,7 +129,8 @@ class ContactFaces:
     def foundation_motions(
         self, time: float, poses: FloatArray | None = None, factors: FloatArray | None = None
     ) -> tuple[RigidMotion, ...]:
-        """At a time, those given times factors (faces,), by default 1, of foundations under load poses; collective."""
+        """At a time, those given times factors (faces,), by default 1, and of foundations under load their poses;
+        collective."""
         given = on_all_ranks(
             lambda: [c.rigid_motion(time, "contact: foundation") for c in self._contacts], "", self._comm
         )

@@ -315,7 +315,8 @@ class ContactStiffness:
 
     def of_nodes(self, elasticity: Deformable) -> FloatArray:
         """Force per displacement of the nodes of the body in a state, all others at rest, newtons per metre, shape
-        (k,): the mean of three components of the forces of displacements of alternating signs; collective."""
+        (k,): the mean of three components of the forces of displacements with signs that vary from node to node;
+        collective."""
         return lengths(self._of_unit_motion(elasticity)) / (EPSILON * 3.0**0.5)
 
     def _of_unit_motion(self, elasticity: Deformable) -> FloatArray:
@@ -394,7 +395,8 @@ class ContactStiffness:
     @contextmanager
     def limited(self, solver: StiffnessSolver) -> Iterator[None]:
         """No more iterations of multigrid in a load step than it has patience for, where it was chosen by its first
-        solution: it does not contract as expected, and has taken as long as a step with factors; collective."""
+        solution: then it does not contract as expected, and has taken as long as the step takes with factors;
+        collective."""
         if not isinstance(solver, IterativeSolver):
             yield
             return

@@ -36,7 +36,8 @@ class DiscreteProblem:
         small_strain: What becomes of an answer outside the theory, "enforce" or "warn".
         started: Date and time when it was set up.
         seconds: Wall time of each phase so far.
-        before: End of the load step before, from which the certificate measures slip; by default `slip_origin`.
+        before: End of the load step before, from which the certificate measures slip; by default from the state's
+            `slip_origin`.
 
     Attributes:
         body, state, small_strain, started, seconds, before: The arguments.
@@ -84,7 +85,8 @@ class DiscreteProblem:
         self, u: FloatArray, poses: FloatArray | None, before: State | None, motions: FloatArray | None = None
     ) -> DiscreteProblem:
         """The problem at the same time with foundations under load in other poses (faces, 6), others moved by factors
-        (faces,) of their motions, after another load step; in large motions also at another u (k, 3); collective."""
+        (faces,) of their motions, after another load step; in large motions also at another displacement u (k, 3);
+        collective."""
         body = self.body.with_motions(motions)
         return self.in_state(body.posed(self.state, poses, before), None, before, body)
 

@@ -84,7 +84,8 @@ def without_equilibrium(problem: DiscreteProblem) -> str:
 
 
 def _plain(problem: DiscreteProblem, limit: LimitLoad, motion: FloatArray) -> FloatArray:
-    """The translation in a motion (q,), or along one axis, if nothing resists that: it needs no centre; collective."""
+    """The translation in a motion (q,), or along one axis, if nothing resists that either: it needs no centre in words;
+    collective."""
     turning = np.array([bool(np.any(one.rotation)) for one in problem.state.free.motions])
     translation = np.where(turning, 0.0, motion)
     along = np.diag(translation)[np.argsort(-np.abs(translation))]

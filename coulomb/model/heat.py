@@ -51,7 +51,8 @@ class HeatFlow:
     """Heat that flows into the bodies.
 
     Attributes:
-        kind: "temperature", "heat flux", "film", "heat source", "friction", or "foundation": what it takes.
+        kind: "temperature", "heat flux", "film", "heat source", "friction", or "foundation": what it takes of friction
+            and by conduction.
         face: The face, with that opposite where it is in several contacts (`side_names`); None in the volume.
         power: In watts, negative where it flows out.
         number: 2 of the second one of its kind there.
@@ -173,7 +174,8 @@ class HeatProblem:
             start: Changes from which to start, shape (k,).
 
         Raises:
-            ValueError: On every rank, if nothing fixes the temperature of a body, or an amplitude or the solver fails.
+            ValueError: On every rank, if nothing fixes the temperature of a body, an amplitude has no value, or the
+                linear solver fails.
         """
         conduction, through = self.conduction, self._through(surface, pressure)
         factors = conduction.factors(time)

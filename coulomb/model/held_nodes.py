@@ -76,7 +76,8 @@ class FoundationFace:
         return on_all_ranks(found, self.what, self.comm)
 
     def distance(self, x: FloatArray, moved: bool = True) -> FloatArray:
-        """Signed distance of points x (m, 3) to the foundation at the time, or as given, metres, (m,); collective."""
+        """Signed distance of points x (m, 3) to the foundation at the time, or where it is given, metres, shape (m,);
+        collective."""
         place = self.motion.undone(x) if moved else x
         return on_all_ranks(
             lambda: self._foundation.signed_distance(place) if len(x) else np.zeros(0), self.what, self.comm
@@ -228,7 +229,8 @@ def refuse_held_inside(
     prescribed: FloatArray,
     exact: bool = False,
 ) -> None:
-    """Refuse supports that hold nodes of contact faces inside foundations, or faces opposite, at a time; collective.
+    """Refuse supports that hold nodes of contact faces inside foundations, or inside faces opposite, at a time;
+    collective.
 
     Args:
         contacts: The contact faces.

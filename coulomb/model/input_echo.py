@@ -96,7 +96,8 @@ def ties_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
 
 
 def contacts_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
-    """Face, nodes, law, foundation, gap, given gap without amplitude, and motion of every contact; collective."""
+    """Face, nodes, law, foundation, gap at the problem's time, given gap without amplitude, and motion of every
+    contact; collective."""
     over, surface, found = Reductions(problem.comm), problem.surface, []
     for part, (contact, foundation) in enumerate(zip(problem.contacts, problem.body.foundations, strict=True)):
         here = surface.part == part

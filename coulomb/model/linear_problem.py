@@ -172,7 +172,8 @@ class ContactState:
         """u_n, and slip along t1 and t2, of displacements u (k, 3), metres, shape (m, 3), less those of foundations
         under load in free motions of amounts alpha (q,); collective.
 
-        Where supports prescribe slips, those like rounding errors are exactly 0: friction would be along them.
+        Where supports prescribe slips, those of the size of rounding errors are exactly 0: friction would be along
+        them.
         """
         rows = self.surface.rows(u)
         closed = relative_displacement(rows, self.slip_origin)
@@ -321,7 +322,8 @@ class LinearProblem:
         return closed
 
     def displacement(self, x: FloatArray) -> FloatArray:
-        """K^-1 (f - B^T x) in metres, before free motions, of own nodes (k, 3); x in newtons, (3 m,); collective."""
+        """K^-1 (f - B^T x) in metres, before free motions, this rank's nodes, shape (k, 3); x in newtons, shape (3 m,);
+        collective."""
         free_u = self.elasticity.reduction.reduced(self.free_displacement, self.loading.apart)
         u = self.elasticity.reduction.displacement(self.A.displacement(x, self.f, free_u.ravel()).reshape(-1, 3))
         u = u + self.loading.prescribed  # exactly, which a solver holds to its tolerance only

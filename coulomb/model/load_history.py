@@ -274,7 +274,8 @@ class LoadHistory:
             problem: The problem; its own time does not matter.
             recorder: Receives the steps: `coulomb.HistoryFiles(directory)`, or an object of the user.
             progress: Called after every path-following step.
-            on_step: Called after every load step, once recorded; a true value, the same on every rank, ends it.
+            on_step: Called after every load step, once it is recorded; a true return value, the same on every rank,
+                ends it.
 
         Raises:
             ValueError: On every rank, if the recorder cannot begin.

@@ -115,9 +115,11 @@ class NodalAnswer:
         earlier: What has accumulated in the load steps before.
         force_before: The forces on the body after the load step before, space vectors, shape (m, 3).
         against: Of each contact face the face opposite, if it is one of a pair; else None.  Empty without pairs.
-        opposite_x: Where the forces act on the faces opposite, (m, 3); 0 against a foundation.  None without pairs.
+        opposite_x: Where the forces act on the faces opposite, shape (m, 3); 0 on faces against a foundation.  None
+            without pairs.
         several: Whether there are several bodies.
-        copies: How many layers as the mesh make the body, of which all totals are (`Deformable.copies`).
+        copies: How many layers as the mesh make the body, of which forces, areas and energies in all are
+            (`Deformable.copies`).
     """
 
     comm: MPI.Comm
@@ -233,7 +235,8 @@ class NodalAnswer:
 
     @cached_property
     def work_at_end(self) -> FloatArray:
-        """Friction at the end of the load step times its slip, joules, shape (m,): over its time, the power."""
+        """Friction at the end of the load step times its slip, joules, shape (m,): over its time, the power of friction
+        at the end."""
         return np.sum(self.force[:, 1:] * self.relative_displacement[:, 1:], axis=1)
 
     @cached_property
@@ -285,7 +288,8 @@ class NodalAnswer:
         The normal force is the sum of those of the nodes; the friction force is the size of the resultant of theirs.
 
         Of several faces together there are no normal force, friction force and centre of pressure, which are about one
-        face, and force and moment only where one body touches foundations alone: of different bodies they have no sum.
+        face, and force and moment only where one body touches foundations alone: forces on different bodies have no
+        sum.
         """
         alone = part is not None or len(self.faces) == 1
         here = self.part == part if part is not None else np.ones(len(self.part), dtype=bool)
@@ -443,7 +447,8 @@ def carrying(opposite: scipy.sparse.csr_matrix, area: FloatArray) -> scipy.spars
 
 
 def spreading(points: ContactPoints, matrix: scipy.sparse.csr_matrix) -> Spread:
-    """Multiplication by the transpose of a matrix (m, nodes), with the rows of own contact points; collective."""
+    """Multiplication by the transpose of a matrix (m, nodes), of which every rank has the rows of its contact points;
+    collective."""
     size = points.space.numbering
 
     def spread(values: FloatArray) -> FloatArray:

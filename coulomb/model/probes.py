@@ -62,7 +62,8 @@ class ProbeValue:
         found_at: The point of the mesh: the same, or for a point outside by a small part of a cell the nearest one.
         face: The contact face that it is on; None for none.
         displacement: In metres, shape (3,).
-        slip: On a contact face in metres, a vector in the tangent plane, shape (3,), of a load step; else None.
+        slip: On a contact face in metres, a vector in the tangent plane, shape (3,), of a load step since the step
+            before; else None.
         pressure: On a contact face in pascals, else None.
         body: The body that it is in; "" if there is only one.
     """
@@ -103,7 +104,8 @@ class LocatedProbes:
     each contact face; collective.
 
     Raises:
-        ValueError: On every rank, if two probes have one name, a body is not known, or a point is in none, or in two.
+        ValueError: On every rank, if two probes have the same name, a body is not known, or a point is outside, or in
+            two bodies.
     """
 
     def __init__(self, probes: Sequence[Probe], parts: Sequence[Part], faces: Sequence[tuple[str, Int32Array]]):
@@ -154,7 +156,8 @@ class LocatedProbes:
         by default with its slip (m, 3); collective, the same on every rank.
 
         Slip and pressure are those of contact.xdmf, interpolated: 0 at nodes of the face that are no contact nodes.  In
-        pairs they are at the face with the contact points; of a node in several contacts where it presses most.
+        pairs they are at the face with the contact points; of a node in several contacts those of the one that presses
+        most.
         """
         if not self.probes:
             return ()

@@ -177,11 +177,13 @@ class ContactProblem(DiscreteProblem):
             steady conduction, which needs the conductivity and the thermal expansion of every material, and contact and
             conduction are solved in turn until both agree.
         time: Time of loads, prescribed displacements and the foundation's position.
-        linear_solver: DirectSolver ("direct") or IterativeSolver ("iterative") for K^-1; default ("auto"): by size.
+        linear_solver: DirectSolver ("direct") or IterativeSolver ("iterative") for K^-1; by default ("auto")
+            chosen by size.
         explicit: Whether to form the matrix A; by default chosen by size.  Needs the direct solver.
         small_strain: Whether an answer outside the theory (`SmallStrain.violations`) does not count, "enforce", or
             causes a warning, "warn".
-        probes: Points whose displacement, slip and pressure are reported: `Solution.probes`, summary.json, history.csv.
+        probes: Points at which displacement, slip and pressure are reported: `Solution.probes`, summary.json and
+            history.csv.
         rigid_faces: Faces that move as rigid bodies, with a reference point each.
         ties: Faces that are glued to each other (`Tied`), cuts of a sector (`CyclicSymmetry`), and sections of bolts
             (`Pretension`); and linear equations between displacements of nodes (`Equation`).
@@ -250,7 +252,8 @@ class ContactProblem(DiscreteProblem):
         self._pose(given, None, ())
 
     def _pose(self, given: Mapping[str, Any], known: ContactBody | None, changed: Collection[str]) -> None:
-        """Take these arguments, with all that is the same of a known body, which had other values; collective."""
+        """Take these arguments, with all that is the same as of a known body, since which they have other values;
+        collective."""
         mode, started, time, large = (
             known_mode(given["small_strain"]),
             now(),
@@ -288,7 +291,8 @@ class ContactProblem(DiscreteProblem):
                 by default slip is measured from the undeformed body.
 
         Raises:
-            ValueError: On every rank, if an amplitude or the motion has no value then, or the contact nodes change.
+            ValueError: On every rank, if an amplitude or the motion has no value then, or the set of contact
+                nodes changes.
         """
         refuse_wrong({"mesh": self.made_of, "time": time})
         if (there := self._renewed()) is not self:
@@ -387,13 +391,15 @@ class ContactProblem(DiscreteProblem):
         progress: ProgressCallback | None = None,
         start: FloatArray | None = None,
     ) -> Solution:
-        """Solve, and certify the answer; `Solution.valid` is the verdict.  Violations of small strains are logged.
+        """Solve, and certify the answer; `Solution.valid` is the verdict.  Violations of the small-strain theory are
+        logged.
 
         Args:
             tolerance: Residual of the problem at which to stop, once the certificate passes; a
                 tolerance above 1e-8 ends the solver whether or not the certificate passes.
             solver: Replaces the default (and its tolerance): Automatic (the default), InteriorPoint or
-                SuccessiveTresca; where no friction grows with pressure, KPRGP.  Condensed systems need explicit=False.
+                SuccessiveTresca; where no friction grows with pressure, also KPRGP.  Condensed Newton systems need
+                explicit=False.
             progress: Called after every step; in a notebook a bar by default.
             start: Forces in newtons to start from, shape (3 m,), as those of a load step before, or of a coarser mesh
                 (`interpolated_forces`).

@@ -100,9 +100,11 @@ class SmallStrain:
         gap_error: Largest distance of a pressing node, where it has moved to, from the foundation as it is, with the
             given gap, over the mean displacement of the forces that deform the bodies of its contact (`FaceScales`);
             against another deformable face what the distance differs by from the linear one, of open nodes their depth.
-        turn: Largest angle in degrees between the foundation's normals at a node in contact before and after it moves.
+        turn: Largest angle in degrees between the foundation's normals at a node in contact before and after its
+            displacement.
         slip_over_cell: Largest tangential displacement of a pressing node on a curved foundation, or against another
-            deformable face, over the size of the cells there: root of the nodal area, of slices the width along it.
+            deformable face, over the size of the cells there: square root of the nodal area, of slices the width along
+            the section.
         gradient: Largest norm of the displacement gradient in a cell: strain and rotation.
         between: Largest depth of a face inside its foundation or the face opposite, between contact points, less what
             the chord of its facets explains, over the same mean displacement; or how far it is apart from the face

@@ -53,7 +53,8 @@ class Solution:
         compliances: diag(A) of every contact point, of both tangents the mean, metres per newton, shape (m, 3).
         mean_compliance: Mean of diag(A) in metres per newton: the scale of the certificate.
         methods: By which the answer was found: the entry `method` of summary.json.
-        residuals: In large motions the largest value of the certificate's checks before each linear problem, and last.
+        residuals: In large motions the largest value of the certificate's checks before each linear problem, and at the
+            end.
 
     In large motions `problem` is the last linear problem, of the bodies at their deformed place, in whose frames the
     contact forces are; slip is that of the load step, and `result` that of all linear problems together.
@@ -224,7 +225,8 @@ class Solution:
 
     @property
     def rigid_faces(self) -> tuple[RigidFaceMotion, ...]:
-        """Motion of every rigid face, and force and moment that hold what is prescribed, in order; collective."""
+        """Motion of every rigid face, and the force and moment that hold what is prescribed, in their order;
+        collective."""
         return self.force_balance.rigid_faces
 
     @property
@@ -239,7 +241,8 @@ class Solution:
 
     @property
     def loaded_foundations(self) -> tuple[RigidFaceMotion, ...]:
-        """Motion of every foundation under load, beside that given, and force and moment of contact; collective."""
+        """Motion of every foundation under load, in addition to what is given, and force and moment of contact on it;
+        collective."""
         return self.force_balance.loaded_foundations
 
     @cached_property
@@ -399,7 +402,8 @@ class Solution:
         return late_bound["error"](self, *others)
 
     def table(self) -> dict[str, Any]:
-        """This rank's contact points as columns (m,), vectors as three: what `pandas.DataFrame` takes; collective.
+        """This rank's contact points as columns of length m, vectors as three columns: what `pandas.DataFrame` takes;
+        collective.
 
         `contact_face` is the name of the face, with that opposite where it is in several pairs; x, y, z are places
         before deformation in metres; the others are the fields of contact.xdmf.
@@ -435,7 +439,8 @@ class Solution:
         return late_bound["plot"](self, field, scale, view)
 
     def plot_history(self) -> Any:
-        """A matplotlib figure of residuals and CG iterations by step; collective, None on ranks but 0."""
+        """A matplotlib figure of residuals and CG iterations by step of the solver; collective, None on ranks other
+        than 0."""
         return late_bound["plot_history"](self)
 
     def __repr__(self) -> str:

@@ -90,7 +90,8 @@ def _held(K: PETSc.Mat, B: PETSc.Mat, pressing: BoolArray, tangents: BoolArray) 
 
 
 def _negative(body: Deformable, K: PETSc.Mat) -> tuple[int, FloatArray]:
-    """Number of negative pivots of K, which is destroyed, and the mode of its lowest eigenvalue if any; collective."""
+    """The number of negative pivots of K, which is destroyed, and the mode of its lowest eigenvalue if there are any;
+    collective."""
     solver = DirectSolver(K, {**CHOLESKY, **_INERTIA})
     count, mode = int(solver.factor.getInertia()[0]), np.zeros_like(body.x)
     if count:

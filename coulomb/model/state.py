@@ -118,7 +118,8 @@ class Forces:
 
 
 def coefficients_work(then: Forces, now: Forces, over: Reductions) -> float:
-    """Work, joules, of a change of the stiffness from K0 to K1 in a step: (u0 . K1 u1 - u1 . K0 u0) / 2; collective."""
+    """Work in joules of a change of the stiffness from K0 to K1 in a step: (u0 . K1 u1 - u1 . K0 u0) / 2;
+    collective."""
     return 0.5 * (over.dot(then.displacement, now.kept) - over.dot(now.displacement, then.kept))
 
 
@@ -149,7 +150,8 @@ class State:
         before: The end of the step before; None at the start.
         temperature_change: Of a problem with heat, from the reference, kelvin, shape (k,); None at the start.
         poses: Of foundations under load (`ContactState.poses`); None at the start, and without any.
-        turns: In large motions rotation vectors of rigid faces, radians (faces, 3); None at first, and without any.
+        turns: In large motions the rotation vectors of rigid faces, radians, shape (faces, 3); None at the start, and
+            without any.
         friction_error: Estimated error of friction by the size of the steps, over the sum of the sizes of the friction
             forces at contact points: the sum of what halving each step has changed (`friction_change`), less the part
             of each step of what has come to touch in it.  None if it was not asked for.

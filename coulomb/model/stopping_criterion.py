@@ -5,7 +5,8 @@ the law requires it they are set to exactly zero before displacement and certifi
 answer is the written one.  The change is below the requested residual:
 
 - The natural residual |x - P(x - (A x - b)/a)| is the force itself where P sets it to zero.
-- Where neither force nor gap is significant, P does not decide: up to `OPEN_BELOW` of the largest on its body it is 0.
+- Where neither force nor gap is significant, P does not decide: a force up to `OPEN_BELOW` of the largest on its body
+  is zero.
 - Where the slip bound is zero (Coulomb friction at open nodes, or F = 0), a small friction force is zero.
 - Where a support prescribes the displacement in a tangential direction, and there is no slip in it, the law leaves
   friction in that direction undetermined, and it acts on the support alone: it is zero.
@@ -135,7 +136,8 @@ class CertifiedAnswer:
 
 
 class StoppingCriterion:
-    """Displacement and certificate of a solver's forces x (3 m,) and amounts alpha (q,); the last ones are kept."""
+    """Displacement and certificate of a solver's forces x (3 m,) and amounts alpha (q,) of free motions; the last ones
+    are kept."""
 
     def __init__(self, problem: DiscreteProblem):
         self._problem = problem
@@ -157,7 +159,8 @@ class StoppingCriterion:
         return last[2]
 
     def with_zeros(self, x: FloatArray, alpha: FloatArray = NO_MOTION) -> tuple[FloatArray, FloatArray]:
-        """The forces with exact zeros, newtons, shape (3 m,), and the displacement, metres, (k, 3); collective."""
+        """The forces with exact zeros, newtons, shape (3 m,), and their displacement, metres, shape (k, 3);
+        collective."""
         return self._zeros_by_product(x, alpha) or self._zeros_by_displacement(x, alpha)
 
     def _zeros_by_product(self, x: FloatArray, alpha: FloatArray) -> tuple[FloatArray, FloatArray] | None:
@@ -194,7 +197,8 @@ class StoppingCriterion:
         return within or self(x, alpha)
 
     def gradient(self, x: FloatArray) -> FloatArray:
-        """A x - b in metres of forces x in newtons, (3 m,): remaining gap and slip, before free motions; collective."""
+        """A x - b in metres of the forces x in newtons, shapes (3 m,): remaining gap and slip, before free motions;
+        collective."""
         remaining = -self._problem.relative_displacement(self._displacement(x))
         remaining[:, 0] += self._problem.surface.gap
         return remaining.ravel()
@@ -246,7 +250,8 @@ def _worst(problem: DiscreteProblem, result: SolverResult) -> str:
 
 
 def implausible_sizes(problem: DiscreteProblem) -> str:
-    """That what is prescribed is much larger than the bodies, as by another unit, in words; else empty; collective."""
+    """That what is prescribed is much larger than the bodies, as from another unit, in words; empty if it is not;
+    collective."""
     over, x = Reductions(problem.comm), problem.elasticity.x
     size = float(np.linalg.norm(over.extent(x)))
     prescribed = over.max(np.linalg.norm(problem.loading.prescribed, axis=1))

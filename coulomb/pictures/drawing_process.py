@@ -33,7 +33,8 @@ _LAUNCHER = ("OMPI_", "PMIX_", "PMI_", "HYDRA_", "SLURM_")
 class DrawingProcess:
     """`python -m coulomb.pictures.report arguments`, started at once.
 
-    In a separate session, so that only the caller receives Ctrl-C and can let it finish; it ends with the caller.
+    In a separate session, so that only the caller receives Ctrl-C and can let the drawing finish; it ends with the
+    caller.
     """
 
     def __init__(self, *arguments: str):

@@ -1,4 +1,5 @@
-"""Check of one run or load step: judged in the problem posed anew, and files compared with what would be written."""
+"""Check of one run or load step: judged in the problem posed anew, and its files compared with what would be written
+anew."""
 
 from __future__ import annotations
 
@@ -50,7 +51,8 @@ change: contact and conduction were solved in turn until they agreed to less."""
 
 
 def check_run(files: RunDirectory, posed: Posed | str) -> Findings:
-    """Check a single run (`check`), or one load step in its history, after the step before, which must be there."""
+    """Check a single run (`check`), or one load step in its history, relative to the step before, which must be
+    there."""
     number, before = files.step_number, None
     if number is not None and not isinstance(posed, str):
         before = [beginning(files.of_history, posed)] * len(SEEDS)
@@ -149,7 +151,8 @@ def _compare(
 
 
 def _compare_record(record: Any, settings: Case | None, found: Comparison) -> None:
-    """Compare the case from which a load step was computed, if it is recorded, but for what steps may change."""
+    """Compare the case from which a load step was computed, if it is recorded, but for what may change between
+    steps."""
     if record is None or settings is None:
         return
     place: Place = (SUMMARY, "step", "case")

@@ -24,7 +24,8 @@ from .mean_dilatation import MEAN_ABOVE, linear_hexahedra, mean_dilatation
 
 
 class HexahedralForces:
-    """Nodal forces of the cells that this rank owns, on linear hexahedra; mu and lame of every cell, pascals."""
+    """Nodal forces of the cells that this rank owns, on linear hexahedra; mu and lame are constant on every cell,
+    pascals."""
 
     def __init__(self, V: Any, mu: Any, lame: Any):
         self._V = V
@@ -146,7 +147,8 @@ class ElasticBody(DisplacementSpace):
         return self._on_cells(found, "mean")
 
     def thermal_force(self, change: FloatArray) -> FloatArray:
-        """Nodal forces in newtons, shape (k, 3), that cause the thermal strain of a change (k,) in kelvin."""
+        """Nodal forces in newtons, shape (k, 3), that cause the thermal strain of a change of temperature (k,) in
+        kelvin."""
         return self._assemble(fem.form(ufl.inner(self._thermal_stress(change), strain(self._test)) * self._dx))
 
     def thermal_work(self, u: FloatArray, v: FloatArray, change: FloatArray) -> FloatArray:
@@ -224,7 +226,8 @@ class ElasticBody(DisplacementSpace):
         return self._stress(u) if self._mean is None else self._stress(u) + self._tension * ufl.Identity(3)
 
     def at_midpoints(self, s: Any) -> Any:
-        """Expression of the components of a stress s of UFL, in the order of `PAIRS`, at the cells' midpoints."""
+        """DOLFINx Expression of the components of a stress s of UFL, in the order of `PAIRS`, at the cells'
+        midpoints."""
         midpoints = compat.interpolation_points(self._per_cell((6,)))
         return fem.Expression(ufl.as_vector([s[pair] for pair in PAIRS]), midpoints)
 
@@ -281,7 +284,8 @@ def cell_measure(domain: Any) -> Any:
     rigid ones without energy, and take a third of the time.
 
     On linear tetrahedra the points are UFL's choice, one.  In second order the rule is exact for a constant stress on
-    curved cells (degree 3 on tetrahedra, in each direction 5 on hexahedra): UFL takes up to five times as many.
+    curved cells (degree 3 on tetrahedra, in each direction 5 on hexahedra): UFL would take up to five times as many
+    points.
     """
     hexahedral, order = domain.topology.cell_type.name == "hexahedron", compat.geometry_degree(domain)
     if order == 1 and not hexahedral:
@@ -291,7 +295,8 @@ def cell_measure(domain: Any) -> Any:
 
 
 def varying_signs(x: FloatArray, comm: MPI.Comm) -> FloatArray:
-    """1 or -1 for every component of the nodes x (k, 3), varying by node, the same on any ranks; collective."""
+    """1 or -1 for every component of the nodes x (k, 3), varying from node to node, the same on any ranks;
+    collective."""
     size = float(comm.allreduce(np.max(np.abs(x), initial=0.0), op=MPI.MAX)) or 1.0
     waves = np.array([[1e4, 2e4, 3e4], [5e4, 4e4, 7e4], [9e4, 8e4, 6e4]])
     return np.where(np.sin(x / size @ waves) > 0, 1.0, -1.0)

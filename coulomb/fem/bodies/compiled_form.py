@@ -48,7 +48,8 @@ class CompiledForm:
         return first
 
     def vector(self, constants: FloatArray | None = None) -> FloatArray:
-        """Of a linear form at this rank's nodes (k, 3), with these constants, or those that they have; collective."""
+        """Of a linear form at this rank's nodes, shape (k, 3), with these values of the constants, or those that they
+        have; collective."""
         of_parts = zip(*self._with(self.constants if constants is None else constants), strict=True)
         return np.sum([summed(fem.petsc.assemble_vector(part, of)) for part, of in of_parts], axis=0)
 
@@ -62,7 +63,8 @@ class CompiledForm:
 
 
 def compiled(form: Any, what: str, comm: MPI.Comm) -> CompiledForm:
-    """A form, compiled unless it is already; ValueError on every rank, from `what` on, if it cannot be; collective."""
+    """A form, compiled by DOLFINx unless it is already; ValueError on every rank, beginning with `what`, if it cannot
+    be; collective."""
     if isinstance(form, CompiledForm):
         return form
     if compat.is_compiled(form):
@@ -113,7 +115,8 @@ def _has_one_point(integral: Any) -> bool:
 
 
 def with_own_degrees(form: Any) -> Any:
-    """A form with the degrees of quadrature that FFCx would take, so that its derivatives are computed by the same."""
+    """A form whose integrals have the degrees of quadrature by which FFCx would compute them, so that its derivatives
+    are computed by the same."""
     steps = ("function_pullbacks", "integral_scaling", "geometry_lowering", "restrictions")
     kept = {"preserve_geometry_types": (ufl.classes.Jacobian,), "do_append_everywhere_integrals": False}
     data = ufl.algorithms.compute_form_data(form, **{f"do_apply_{step}": True for step in steps}, **kept)

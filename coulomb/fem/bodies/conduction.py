@@ -99,8 +99,10 @@ class Conduction:
         K: Conduction and films, W/K, shape (nodes, nodes), distributed.
         fixed_by: Number of the load that prescribes the temperature of each node, -1 where none does, shape (k,); where
             faces meet, the later one does.
-        follows: Which nodes follow others in ties, sectors and bolts, unless of given temperature, shape (k,).
-        T: From temperatures of nodes that do not to those of all, (nodes, nodes), distributed; None if none follows.
+        follows: Which nodes follow others in ties, sectors and bolts, unless their temperature is prescribed, shape
+            (k,).
+        T: From the temperatures of nodes that do not to those of all, shape (nodes, nodes), distributed; None if no
+            node follows another.
 
     Raises:
         ValueError: On every rank, if a face or body is unknown, a value not finite, a material has no conductivity, or

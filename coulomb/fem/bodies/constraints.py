@@ -27,7 +27,8 @@ from .supports import Support
 
 @dataclass(frozen=True)
 class Numbering:
-    """Global numbers of this rank's nodes, after those of the ranks before: the first, how many here, and in all."""
+    """Global numbers of this rank's nodes, which follow those of the ranks before: the first, how many here, and in
+    all."""
 
     first: int
     local: int
@@ -85,7 +86,8 @@ def block_diagonal(blocks: FloatArray, numbering: Numbering) -> scipy.sparse.csr
 def distributed_rows(
     rows: scipy.sparse.csr_matrix, columns: tuple[int, int], nodes: Shared, block: int | None = 3
 ) -> PETSc.Mat:
-    """The matrix of the rows of every rank, with global numbers of columns; so many of them here and in all."""
+    """The matrix of the rows of every rank, with global numbers of columns; of `columns` there are so many on this rank
+    and in all."""
     if not rows.has_sorted_indices:
         rows = rows.sorted_indices()
     matrix = PETSc.Mat().createAIJ(

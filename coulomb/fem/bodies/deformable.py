@@ -88,7 +88,8 @@ class Deformable(ReducedBodies):
 
     @abstractmethod
     def face(self, name: str, what: str) -> tuple[Member, Int32Array]:
-        """A face: its body, and this rank's facets of the body's mesh; ValueError, from `what` on, if there is none."""
+        """A face: the body that it is on, and this rank's facets of the body's mesh; ValueError, beginning with `what`,
+        if there is none."""
 
     def nodes(self, face: str, what: str) -> Int32Array:
         """This rank's nodes on a face, sorted; errors as of `face`."""
@@ -138,7 +139,8 @@ class Deformable(ReducedBodies):
         return self.held
 
     def at(self, time: float) -> Loading:
-        """Loads and prescribed displacements at a time; ValueError on every rank if not finite; collective."""
+        """Loads and prescribed displacements at a time; ValueError on every rank if they are not finite then;
+        collective."""
         return self.after(time, None)
 
     def refuse_beginning(self, time: float) -> None:
@@ -171,7 +173,8 @@ class Deformable(ReducedBodies):
         return np.zeros_like(owed)
 
     def outdated(self, loading: Loading) -> bool:
-        """Whether loads, prescribed displacements or coefficients were changed by hand since a loading; collective."""
+        """Whether loads, prescribed displacements or coefficients have been changed by hand since a loading was
+        evaluated; collective."""
         return False
 
     def heated(self, loading: Loading, change: FloatArray) -> Loading:
@@ -185,7 +188,8 @@ class Deformable(ReducedBodies):
 
     @abstractmethod
     def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
-        """The forces of every support by itself, in the order given: a held direction belongs to what prescribes it.
+        """The forces of every support by itself, in the order given: each held direction belongs to the support that
+        prescribes it.
 
         Args:
             reaction: `held_part` of internal forces minus loads, springs and contact forces, newtons, shape (k, 3).
@@ -255,7 +259,8 @@ class SingleBody(DisplacementSpace, Deformable):
         raise ValueError(f"derivatives along places are not known of a {type(self).__name__}")
 
     def strain_energy(self, u: FloatArray) -> float | None:
-        """Of the displacement u (k, 3) from u = 0, in joules, without that of springs; None if unknown; collective."""
+        """Of the displacement u (k, 3) from u = 0, in joules, without that of springs; None if it is not known;
+        collective."""
         return self.comm.allreduce(0.5 * float(np.vdot(u, self.internal_force(u))))
 
     def strain_force(self, u: FloatArray) -> FloatArray:

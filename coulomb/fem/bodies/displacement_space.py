@@ -102,7 +102,8 @@ class DisplacementSpace:
         return 1 if self.V.dofmap.dof_layout.num_dofs in (4, 8) else 2
 
     def function(self, u: FloatArray, name: str = "displacement", fields: Callable[[str], Any] | None = None) -> Any:
-        """DOLFINx Function of nodal vectors (k, 3) of this rank, with other fields by name if given; collective."""
+        """DOLFINx Function of nodal vectors (k, 3) of this rank, one that gives other fields by name if these are
+        given; collective."""
         function = fem.Function(self.V, name=name) if fields is None else DisplacementFunction(self.V, name, fields)
         function.x.array[: 3 * self._owned] = u.ravel()
         function.x.scatter_forward()
@@ -181,7 +182,8 @@ class DisplacementSpace:
         return self._integral("area", facets, area)
 
     def normal_of(self, facets: Int32Array) -> FloatArray:
-        """Integral of the outward normal against hat functions over boundary facets, m^2, shape (k, 3); collective."""
+        """Integral of the outward normal against every hat function over boundary facets, m^2, shape (k, 3);
+        collective."""
 
         def normal() -> FloatArray:
             n = ufl.FacetNormal(self.domain)
@@ -326,7 +328,8 @@ class DisplacementSpace:
         return summed(fem.petsc.assemble_vector(form))
 
     def _added(self, part: FloatArray, form: Any) -> FloatArray:
-        """What cells of all ranks add at this rank's nodes (k, 3), from what its own add there and at ghosts (n,)."""
+        """What the cells of all ranks add at this rank's nodes, shape (k, 3), from what its own add there and at its
+        ghosts (n,)."""
         if self.comm.size == 1:
             return part.reshape(-1, 3)
         vector = compat.create_vector(form, self.V)

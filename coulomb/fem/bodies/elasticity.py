@@ -65,7 +65,8 @@ class LoadedBody(ElasticBody, HeldNodes):
     Where supports meet, the later one of those that act (`acting`) applies; `thermal` is its temperature, or None.
 
     Raises:
-        ValueError: If a face is unknown, a value not finite, a cell of no or two materials, no density under gravity.
+        ValueError: If a face is unknown, a value not finite, a cell without a material or with two, no density under
+            gravity.
     """
 
     def __init__(
@@ -343,7 +344,8 @@ def largest_poisson(materials: Materials) -> float:
 
 
 def locking_by_volume(bodies: Deformable) -> list[str]:
-    """Warnings of first-order materials, or forms, near incompressibility without mean dilatations; collective."""
+    """Warnings of first-order bodies of a material, or forms, near incompressibility without mean dilatations;
+    collective."""
     found = []
     for member in bodies.members:
         if member.body.materials is None and member.body.locks:

@@ -73,7 +73,8 @@ class AddedSprings:
 
 @dataclass(eq=False)
 class Made:
-    """What follows from coefficients of the stiffness and supports: made when asked for, dropped when these change.
+    """What follows from the coefficients of the stiffness and from supports: made when it is asked for, thrown away
+    when these change.
 
     Attributes:
         values: The coefficients of the user's forms.
@@ -95,7 +96,8 @@ class ReducedBodies(HeldNodes, ABC):
     """Bodies with their stiffness in the unknowns.
 
     Attributes:
-        component: The component of the meshes of each of this rank's nodes, tied to others or not, shape (k,).
+        component: The component of the meshes of each of this rank's nodes, whether or not it is tied to others, shape
+            (k,).
         added_springs: Springs beside those of the bodies.
     """
 
@@ -209,7 +211,8 @@ class ReducedBodies(HeldNodes, ABC):
         return self._made.reduced
 
     def interpolation(self) -> PETSc.Mat:
-        """From linear displacements to unknowns of second order, with the near-nullspace; for multigrid; collective."""
+        """From linear displacements to unknowns of second order, with their rigid body modes as near-nullspace; for
+        multigrid; collective."""
         linear, x, numbering = self.interpolated()
         second = np.zeros(len(self.x), dtype=bool)
         for member in self.members:

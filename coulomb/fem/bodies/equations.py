@@ -113,7 +113,8 @@ class Equations:
 
         Raises:
             ValueError: On every rank, if a node is unknown, terms have different numbers of nodes, the first
-                coefficient is zero, equations cannot be solved for first terms, supports hold one, or it follows.
+                coefficient is zero, equations cannot be solved for their first terms, or supports hold one, or it
+                follows others.
         """
         nodes, given = _Nodes(body), self.equations
         A, s, number_of = _coefficients(body, nodes, given)
@@ -164,7 +165,8 @@ def _coefficients(
     body: Deformable, nodes: _Nodes, given: Sequence[Equation]
 ) -> tuple[scipy.sparse.csr_matrix, IntArray, IntArray]:
     """The coefficients of all equations over all displacements, the displacement of each first term, and the number of
-    what it is of; the same on every rank; ValueError if a node is unknown, or terms differ in length; collective."""
+    what it is of; the same on every rank; ValueError on each if a node is unknown, or terms have different numbers of
+    nodes; collective."""
     rows, columns, slave, of = (list[IntArray]() for _ in range(4))
     values, first = list[FloatArray](), 0
     for number, one in enumerate(given):

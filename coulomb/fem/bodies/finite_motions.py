@@ -153,7 +153,8 @@ def turned_section(tie: Tie, x: FloatArray, apart: FloatArray, tied: FloatArray,
 
 
 def turned_tie(tie: Tie, x: FloatArray, apart: FloatArray, tied: FloatArray, comm: MPI.Comm) -> Tie:
-    """The tie of a bolt's section with its `turned_section`, and rows of changes; arguments as there; collective."""
+    """The tie of a bolt's section with its `turned_section`, and with rows of changes; arguments as there;
+    collective."""
     section = turned_section(tie, x, apart, tied, comm)
     own = np.tile(section.direction[:, None], (len(x), 1, 1))
     if section.shortening == 0.0:

@@ -118,7 +118,8 @@ _FREE: Final = 1e-12
 
 @dataclass
 class _SharedState:
-    """What copies of a body share: the last time of the callable, what was made last, whether cells lock, in words."""
+    """What the copies of a body share: the last time of the callable, what was made last of the stiffness, and whether
+    its cells lock, in words."""
 
     time: float | None = None
     made: Made | None = None
@@ -201,7 +202,8 @@ class FormBody(SingleBody):
 
     @property
     def _grounded(self) -> tuple[FloatArray | None, FreeMotions]:
-        """Nodal forces of the rigid modes, None if rounding, and rigid motions that a does not resist; collective."""
+        """Nodal forces of the rigid modes, None if they are rounding errors, and the rigid motions that a does not
+        resist; collective."""
         if self._made.ground is None:
             comm, modes = self.mesh.comm, rigid_modes(self.x, self.mesh.comm)
             forces = np.stack([self.internal_force(modes[:, :, j]) for j in range(6)], axis=2)
@@ -269,7 +271,8 @@ class FormBody(SingleBody):
         return self.mesh.comm.allreduce(one.same(values), op=MPI.LAND)
 
     def at(self, time: float) -> Loading:
-        """L and the boundary values at a time; ValueError if one is not finite, or the callable fails; collective."""
+        """L and the boundary values at a time; ValueError on every rank if one is not finite, or the user's callable
+        fails; collective."""
         self._set(time)
         load = np.zeros_like(self.x) if self._L is None else self._L.vector()
 

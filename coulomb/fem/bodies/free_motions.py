@@ -39,6 +39,7 @@ def anchors(free: FreeMotions, R: FloatArray, x: FloatArray, places: Sequence[Bo
         R: This rank's n unknowns in them, by nodes of three, shape (n, 3, q).
         x: Where these are, metres, shape (n, 3).
         places: Which nodes suit, the best first, shapes (n,); the last ones determine all motions.
+        comm: The ranks.
     """
     found = np.zeros(R.shape[:2], dtype=bool)
     of = np.array([motion.component for motion in free.motions], dtype=np.int64)
@@ -67,7 +68,8 @@ def _extremes(x: FloatArray, nodes: IntArray, comm: MPI.Comm) -> IntArray:
 
 
 def _pivots(R: FloatArray, nodes: IntArray, comm: MPI.Comm) -> tuple[BoolArray, float]:
-    """The pivots of the rows of R (n, 3, q) at some nodes, shape (n, 3), and the size of the last; collective."""
+    """The pivots of the rows of R (n, 3, q) at some of this rank's nodes, shape (n, 3), and the size of the last;
+    collective."""
     found, size = np.zeros(R.shape[:2], dtype=bool), 0.0
     rows = R[nodes]
     for _ in range(R.shape[2]):
@@ -353,7 +355,8 @@ def openings(
     amounts: FloatArray, sections: Sequence[Section]
 ) -> tuple[FloatArray, list[tuple[str, RigidPart, FloatArray]]]:
     """The combinations of q motions that change the lengths of bolts, by the amounts (bolts, q) of each: of every bolt
-    by itself where that is possible, shape (q, p); and the name, place and direction of each."""
+    by itself where that is possible, shape (q, p); and of each what it is called, where it is, and along which
+    direction."""
     left, sizes, right = np.linalg.svd(amounts)
     rank = int(np.sum(sizes > SHORTENS))
     bolts = left[:, :rank]
@@ -373,7 +376,8 @@ def openings(
 def together(
     ties: Sequence[Tie], component: IntArray, names: tuple[str, ...], comm: MPI.Comm, links: Sequence[IntArray] = ()
 ) -> tuple[IntArray, tuple[str, ...]]:
-    """The component of every node, where those tied and linked are one, shape (k,), and their names; collective."""
+    """The component of every node, where those of these ties, and of linked nodes, are one, shape (k,), and their
+    names; collective."""
     if not ties and not links:
         return component, names
     starts, found = starts_of(comm, len(component)), [np.empty((0, 2), dtype=np.int64)]

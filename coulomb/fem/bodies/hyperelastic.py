@@ -348,7 +348,8 @@ class HyperelasticBody(NonlinearBody):
 
     def turning_loads(self) -> Iterator[tuple[Int32Array, FloatArray, FloatArray]]:
         """Of loads that turn with their face its nodes (m,), and of their derivative C sum(Z^T z) along displacements z
-        of these nodes the forces C by rotations, N/rad (k, 3, 3), and the rotations, 1/m, (m, 3, 3); collective."""
+        of these nodes the forces C by rotations, newtons per radian, shape (k, 3, 3), and the rotations, 1/m, shape (m,
+        3, 3); collective."""
         u, time = self.place.u, self.place.loading.time
         for one in self._turning.values():
             x, load = self.reference[one.nodes], one.load

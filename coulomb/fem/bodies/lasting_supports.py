@@ -80,7 +80,8 @@ class LastingConstraint:
             are, by the changes of what it prescribes: a clamp holds them there, and a tie where they are to each other.
         end: The time until which it acts, by default always.  In the load step that follows its reaction is gone.
         reaches: The time at which the displacement is the given one, of a tie that of faces together as they were
-            before deformation, in place of changes of it: until then what lacks at `begin` is made up for linearly.
+            before deformation, in place of changes of it: until then what is missing at `begin` is made up for linearly
+            in time.
 
     Raises:
         ValueError: If one is no number, or they are not in this order: begin, reaches, end.

@@ -31,18 +31,21 @@ from .rigid_modes import Wrench, component_modes, null_space
 from .ties import Bolt, FaceMotion, Follower, LinkedNodes, Section, Tie
 
 TIE_STRESSES = ("peel_stress", "shear_stress")
-"""Tractions of ties at slave nodes: along the outward normal, positive where it pulls, and the size across it."""
+"""Tractions of ties at slave nodes: along the outward normal, positive where the tie pulls, and the size of the part
+across it."""
 
 _ROUNDING: Final = 2.0**-46
 """Displacement of slave nodes that is left, over the largest displacement, that is a rounding error."""
 
 
 class Constraints:
-    """Constraints of bodies that act at a time, with given shortening of some bolts; none by default; collective.
+    """The constraints of some bodies that act at a time, with the shortening of some bolts given; none by default;
+    collective.
 
     Args:
         nodes: The nodes, with what supports hold.
-        given: Ties, rigid faces, bolts and equations; of those that meet, a later one may refuse nodes of earlier ones.
+        given: Ties, rigid faces, bolts and equations; of those that meet at some time, a later one may refuse nodes of
+            earlier ones.
         time: By which ties act and bolts are locked.
         links: Springs between nodes; None without.
 
@@ -222,7 +225,8 @@ class Constraints:
     # --- free motions -------------------------------------------------------------------------------------------------
 
     def joined(self, component: IntArray, names: tuple[str, ...]) -> tuple[IntArray, tuple[str, ...]]:
-        """The component of every node, those that move together, or are linked, being one, and names; collective."""
+        """The component of every node, where those that move together, or are linked by springs, are one, and their
+        names; collective."""
         return together(self.ties, component, names, self.comm, [] if self._links is None else self._links.nodes)
 
     def opened(
@@ -389,7 +393,8 @@ class Constraints:
         return self.reduction.on_followed(self.lacking(imbalance, time)) if self.ties else np.zeros_like(imbalance)
 
     def shares(self, imbalance: FloatArray, time: float) -> Iterator[NodalForces]:
-        """The forces of every tie on the nodes of its slave face, in order; 0 of those that do not act; collective."""
+        """The forces of every tie on the nodes of its slave face, in the order given; those of ties that do not act are
+        0; collective."""
         forces = self.lacking(imbalance, time)
         for number, tie in enumerate(self.every):
             if self.acting and not self.acting[number]:
@@ -467,7 +472,8 @@ class Constraints:
         return sum((one.forces for one in self.ground_forces(u)), self.link_force(u))
 
     def spring_forces(self, u: FloatArray) -> list[NodalForces]:
-        """Forces of springs at reference points, and of each between nodes, at displacements u (k, 3); collective."""
+        """The forces of springs at reference points where displacements are u (k, 3), and those of every spring between
+        nodes; collective."""
         linked = () if self._links is None else self._links.forces(u)
         pulled = [NodalForces("spring", one.given.face, one.pull(u, self.comm)) for one in self.sprung]
         return pulled + [NodalForces("spring", one.eliminated, forces) for one, forces in linked]

@@ -119,7 +119,8 @@ class Pressure:
         return body.pressure_load(self.nodal_values(body, facets), facets)
 
     def nodal_values(self, body: DisplacementSpace, facets: Int32Array) -> FloatArray:
-        """The pressure at nodes of the facets, 0 at others, pascals, (k,); errors as of `nodal_force`; collective."""
+        """The pressure at this rank's nodes of the facets, 0 at others, pascals, shape (k,); errors as of
+        `nodal_force`; collective."""
         values, nodes = np.zeros(len(body.x)), body.nodes_of(facets)
         values[nodes] = evaluate_signed_numbers(self.value, body.x[nodes], load_title(self), body.comm)
         return values
@@ -255,7 +256,8 @@ class BodyForce:
 
 @dataclass(frozen=True)
 class Weight:
-    """Weight of the body: density times the acceleration of gravity (3,) in m/s^2; ValueError if this is not finite."""
+    """Weight of the body: its density times the acceleration of gravity (3,) in m/s^2; ValueError if this is not
+    finite."""
 
     gravity: Sequence[float]
     materials: Materials
@@ -296,14 +298,16 @@ class VolumeForce:
 
 @dataclass(frozen=True, eq=False)
 class AppliedLoad:
-    """A load on a mesh: its nodal forces in newtons at the factor 1, shape (k, 3), and its size in words if needed."""
+    """A load on a mesh: its nodal forces in newtons at the factor 1, shape (k, 3), and its size in words, where forces
+    do not show it."""
 
     load: Timed
     nodal_force: FloatArray
     size: str = ""
 
     def at(self, time: float, comm: MPI.Comm) -> FloatArray:
-        """Nodal forces at a time in newtons, shape (k, 3); ValueError on every rank if not finite; collective."""
+        """Nodal forces at a time in newtons, shape (k, 3); ValueError on every rank if the amplitude is not finite;
+        collective."""
         load = self.load
         factor = on_all_ranks(lambda: evaluate_amplitude(load.amplitude, time, load_title(load)), "", comm)
         return factor * self.nodal_force
@@ -356,7 +360,8 @@ class NodeTemperatures:
     given: tuple[tuple[str | tuple[int, ...], float], ...]
 
     def at_nodes(self, body: ElasticBody, mesh: NamedMesh) -> FloatArray:
-        """Those at this rank's nodes, shape (k,); ValueError on every rank if one is unknown; collective."""
+        """Those at this rank's nodes, shape (k,); ValueError on every rank if the mesh has no such set or number;
+        collective."""
         cell, comm, on = body.domain.topology.cell_type, mesh.comm, compat.cell_geometry(body.domain)
         numbers = (
             np.zeros(len(body.domain.geometry.x), dtype=np.int64) if mesh.node_numbers is None else mesh.node_numbers

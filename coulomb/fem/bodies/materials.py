@@ -9,7 +9,8 @@ Along the directions of the material the compliance is
         [  symmetric       1/E3    ]
 
 nu_ij is the contraction along j over the extension along i under a stress along i, so that nu_ji = nu_ij E_j/E_i.  The
-strain energy is positive if |nu_ij| < sqrt(E_i/E_j), and the determinant of the block above is (Lempriere 1968).
+strain energy is positive if |nu_ij| < sqrt(E_i/E_j), and the determinant of the block above is positive (Lempriere
+1968).
 """
 
 from __future__ import annotations
@@ -154,7 +155,8 @@ class OrthotropicMaterial:
             vectors, shape (3, k), evaluated at the midpoint of each cell.  Lengths do not matter; of the second the
             part perpendicular to the first is used; the third is perpendicular to both.
         density: Density in kg/m^3, 0 of parts whose weight is left out; only gravity needs it.
-        expansion: Thermal expansion in 1/K, one number or three along the directions; only a temperature needs it.
+        expansion: Coefficient of thermal expansion in 1/K, one number or three along the directions; only a temperature
+            needs it.
         conductivity: Thermal conductivity in W/(m K), > 0, the same in all directions; only heat needs it.
 
     Raises:

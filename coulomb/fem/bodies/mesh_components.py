@@ -18,7 +18,8 @@ from .displacement_space import DisplacementSpace
 
 
 def unjoined_parts(bodies: Deformable, pairs: Iterable[tuple[str, str]]) -> list[str]:
-    """A message on every mesh with components that touch without a pair; ValueError for unknown faces; collective."""
+    """A message on every mesh with components that touch where no pair of faces is; ValueError if a face is unknown;
+    collective."""
     faces = [bodies.face(name, "contact") for pair in pairs for name in pair]
     said = []
     for member in bodies.members:

@@ -292,7 +292,8 @@ class NonlinearBody(FormBody):
 
     def least_volume_ratio(self, u: FloatArray) -> float:
         """Smallest det(I + grad u) of all cells: negative where one is inside out; at the nodes of each, or where all
-        the volume that counts is the mean of a cell, so that corners may be; collective."""
+        the volume that counts is the mean of a cell, so that corners may be, at the points of integration;
+        collective."""
         self._evaluate_at(u)
         own = np.arange(self.domain.topology.index_map(3).size_local, dtype=np.int32)
         values = in_cells(self._volume_ratio, self.domain, own)

@@ -75,7 +75,8 @@ class StressError:
         modulus: Young's modulus of each cell in pascals, of orthotropic ones the harmonic mean of three, shape (c,).
         total: eta of all cells of all ranks, the square root of joules.
         norm: The same of the stress itself: the root of twice its strain energy, without that of a thermal strain.
-        along: Of a box, the parts of eta_K^2 that more planes across x, y and z would make smaller, (3, c); else None.
+        along: Of a box, the parts of eta_K^2 that more planes across x, across y and across z would make smaller, shape
+            (3, c); else None.
     """
 
     squared: FloatArray
@@ -109,7 +110,8 @@ def relative_error(errors: Iterable[StressError]) -> float:
 
 
 def stress_errors(bodies: Deformable, u: FloatArray, change: FloatArray | None = None) -> dict[str, StressError]:
-    """The errors of the bodies by their names ("" of the only one); arguments as of `stress_error`; collective."""
+    """The errors of the bodies of a problem, by their names ("" if it is the only one); arguments and errors as of
+    `stress_error`; collective."""
     return {
         member.name: stress_error(
             cast(LoadedBody, member.body), u[member.nodes], None if change is None else change[member.nodes]
@@ -196,7 +198,8 @@ def _parts(cells: IntArray) -> Iterator[IntArray]:
 
 
 def _monomials(y: FloatArray, degree: int) -> FloatArray:
-    """Monomials of places y (..., 3): 1, x, y, z, in second order the products of `PAIRS`; shape (..., 4 or 10)."""
+    """Those of places y (..., 3) up to a degree: 1, x, y, z, and in second order the products of `PAIRS`; shape (..., 4
+    or 10)."""
     products = [y[..., i] * y[..., j] for i, j in PAIRS] if degree == 2 else []
     return np.stack([np.ones(y.shape[:-1]), *np.moveaxis(y, -1, 0), *products], axis=-1)
 

@@ -126,7 +126,8 @@ class Reduction:
         return other
 
     def of_weights(self, ties: Sequence[Tie]) -> Reduction:
-        """The same of these ties with other weights, of nodes and of own unknowns, without springs along these."""
+        """The same of the same ties with other weights, of other nodes and of their own unknowns, without springs along
+        these."""
         other = copy.copy(self)
         other._ties, other.stiffness = tuple(ties), np.zeros_like(self.stiffness)
         for name in ("weights", "W", "T"):
@@ -134,13 +135,15 @@ class Reduction:
         return other
 
     def bent(self, stiffness: FloatArray) -> Reduction:
-        """The same with a stiffness (width, width) along own unknowns beside springs, N/m, of forces `bent_force`."""
+        """The same with a stiffness (width, width) along own unknowns beside that of springs, N/m, the forces of which
+        are `bent_force`."""
         other = copy.copy(self)
         other.stiffness, other._bent = self.stiffness + stiffness, stiffness
         return other
 
     def bent_force(self, u: FloatArray) -> FloatArray:
-        """Internal forces of the stiffness of `bent` at displacements u (k, 3), newtons, likewise; collective."""
+        """Internal forces of the stiffness of `bent` at displacements u (k, 3), newtons, of the same shape;
+        collective."""
         forces = np.zeros_like(u)
         if self._bent is not None:
             along = self._bent @ self.amounts(self.apart(u))
@@ -230,7 +233,8 @@ class Reduction:
         return forces
 
     def apart(self, u: FloatArray) -> FloatArray:
-        """D (u - W u) of displacements (k, 3), or (k, 3, j): how far nodes are from what they follow; collective."""
+        """D (u - W u) of displacements (k, 3), or (k, 3, j): by how much nodes are apart from those that they follow;
+        collective."""
         if not self._ties:
             return np.zeros_like(u)
         return self.followed(u - _each_column(partial(rows_of, self.W), u))
@@ -353,7 +357,8 @@ class Reduction:
         return self._distributed(rows, columns + 3 * self.here)
 
     def rigid_modes(self, x: FloatArray) -> FloatArray:
-        """The rigid motions of all bodies at nodes x (n, 3), and own unknowns in them, (n + p, 3, 6); collective."""
+        """The rigid motions of all bodies at nodes x (n, 3) of a mesh of them, and own unknowns in these, shape (n + p,
+        3, 6); collective."""
         (whole,) = component_modes(self.x, np.zeros(len(self.x), dtype=np.int64), self.comm)[1]
         at, there = (displacements_of(of - whole.centre, np.full(len(of), whole.radius)) for of in (x, self.x))
         return np.concatenate([at, self.reduced(there)[len(self.x) :]])

@@ -218,7 +218,8 @@ def _finite(motion: FaceMotion, r: FloatArray, held: FloatArray, size: float, co
 
 
 def _normal(given: RigidFace, mean: FloatArray, r: FloatArray, comm: MPI.Comm) -> FloatArray:
-    """The unit normal (3,) of a plane face, by mean normals and nodes at r (m, 3) from its middle; collective.
+    """The unit normal (3,) of a plane face, by the mean of normals and its nodes at r (m, 3) from its middle;
+    collective.
 
     Raises:
         ValueError: On every rank, if the face is not plane.

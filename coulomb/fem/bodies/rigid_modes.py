@@ -78,7 +78,8 @@ class RigidPart:
 
 
 def rigid_modes(x: FloatArray, comm: MPI.Comm) -> FloatArray:
-    """Translations along x, y, z and rotations about them through the mean of all nodes x, shape (k, 3, 6); collective.
+    """Translations along x, y, z and rotations about these axes through the mean of all nodes x, shape (k, 3, 6);
+    collective.
 
     Each has the size 1: the translations at every node, the rotations in the root mean square of all nodes.
     """
@@ -97,7 +98,8 @@ def displacements_of(r: FloatArray, size: FloatArray) -> FloatArray:
 
 
 def component_modes(x: FloatArray, component: IntArray, comm: MPI.Comm) -> tuple[FloatArray, tuple[RigidPart, ...]]:
-    """The six rigid motions of each node's component, of one metre, shape (k, 3, 6), and the components; collective."""
+    """The six rigid motions of the component of each node, of one metre, shape (k, 3, 6), and the components;
+    collective."""
     count = int(comm.allreduce(int(np.max(component, initial=-1)), op=MPI.MAX)) + 1
     number = comm.allreduce(np.bincount(component, minlength=count).astype(np.float64))
     sums = np.stack([np.bincount(component, weights=axis, minlength=count) for axis in x.T], axis=1)
@@ -126,7 +128,8 @@ def of_components(
 
 
 def of_part(forces: FloatArray, x: FloatArray, here: BoolArray, comm: MPI.Comm) -> FloatArray:
-    """Forces of `rigid_modes` of a component's nodes, `here` (k,), from the whole body's (k, 3, 6); collective."""
+    """Forces of the `rigid_modes` of a component's nodes, those `here` (k,), from those of the body as a whole (k, 3,
+    6); collective."""
     _, parts = component_modes(x, np.where(here, 0, 1), comm)
     return of_components(forces, x, np.where(here, 0, 1), parts, comm)[here]
 

@@ -41,7 +41,8 @@ class StressDifference:
     Attributes:
         squared: d^2 in joules, twice the strain energy of the difference.
         cells: Number of cells over which it was integrated.
-        across: Number of those in several cells of the other mesh; 0 if that is the coarser one before refinement.
+        across: Number of those that are in several cells of the other mesh; 0 if that is the coarser one of a mesh that
+            was refined.
     """
 
     squared: float

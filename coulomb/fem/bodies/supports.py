@@ -110,14 +110,17 @@ class PrescribedDisplacement(LastingConstraint):
 
     Attributes:
         face: Name of the face, or of a set of nodes: on edges, or at points (`NamedMesh.with_nodes`).
-        value: Displacement in metres, a vector or a function of x; parts along other directions are ignored.
+        value: Displacement in metres, a vector or a function of x; its parts along directions that are not prescribed
+            are ignored.
         components: Which components are prescribed: letters of "xyz"; "normal", along the normal of the face at each
             node; or "tangential", across it.
-        amplitude: Factor of the value as a function of time; a table is constant before and after its rows.
+        amplitude: Factor of the value as a function of time; a table is constant before its first and after its last
+            row.
         direction: In place of components: the one direction along which the displacement is prescribed, a vector or a
             function of x, of any length.
         surface: The exact surface of which the face is a mesh, a `Plane`, `Sphere`, `Cylinder` or `SignedDistance`; the
-            normals are then its own.  A cylinder in a bearing turns freely only with it: a mesh's are not quite radial.
+            normals are then its own.  A cylinder in a bearing turns freely only with it: normals of a mesh are not
+            quite radial.
         begin, end, reaches: When it acts (`LastingConstraint`).
 
     Raises:
@@ -263,14 +266,16 @@ class PrescribedRotation:
     """Prescribed rotation of a face about an axis, as of a rigid plate to which it is glued.
 
     The displacement of a point x is angle * axis x (x - point): linear in the angle, as all displacements in the theory
-    of small strains, so that a body that rotates as a whole has no strain.  It is off a circle by angle/2 of itself.
+    of small strains, so that a body that rotates as a whole has no strain.  It differs from a circle by the part
+    angle/2 of itself.
 
     Attributes:
         face: Name of the face, or of a set of nodes.
         point: A point of the axis in metres.
         axis: Direction of the axis; need not have length 1.
         angle: In radians, right-handed about the axis.
-        amplitude: Factor of the angle as a function of time; a table is constant before and after its rows.
+        amplitude: Factor of the angle as a function of time; a table is constant before its first and after its last
+            row.
         axial: "held": no displacement along the axis; "free": the displacement along the axis is left to other supports
             and to the loads.
 

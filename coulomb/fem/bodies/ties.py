@@ -167,7 +167,8 @@ class FaceMotion:
         return forces
 
     def unit_stiffness(self, x: FloatArray, comm: MPI.Comm) -> FloatArray:
-        """The stiffness (6,) of unit springs at all nodes, here x (k, 3), where the spring has any; collective."""
+        """The stiffness (6,) of unit springs at all nodes, of those x (k, 3) of this rank, where the spring has any;
+        collective."""
         count, square = comm.allreduce(
             np.array([len(self.nodes), np.sum((x[self.nodes] - self.place) ** 2)]), op=MPI.SUM
         )
@@ -244,7 +245,8 @@ class Prescribed:
     amplitudes: tuple[tuple[str, Amplitude], ...]
 
     def at(self, time: float, comm: MPI.Comm) -> FloatArray:
-        """The sum at a time, metres, shape (m, 3); ValueError on every rank if an amplitude has none; collective."""
+        """The sum at a time, metres, shape (m, 3); ValueError on every rank if an amplitude has no value then;
+        collective."""
 
         def factors() -> FloatArray:
             return np.array([evaluate_amplitude(given, time, what) for what, given in self.amplitudes])
@@ -272,8 +274,10 @@ class Tie:
             over all nodes, shapes (n,) and (n, nodes of all ranks); collective; None if none do.
         arm: Largest distance of a slave node from the point that it follows, over all ranks, metres.
         directions: Projectors on the directions along which the nodes follow others, shape (m, 3, 3): all of them, but
-            for nodes on an axis of cyclic symmetry, which may move along it, and of a rigid face free along itself.
-        own: N, their displacements by the q unknowns of the tie itself, m/m, shape (m, 3, q), the same q on every rank.
+            for nodes on an axis of cyclic symmetry, which may move along it, and those of a rigid face that is free
+            along itself.
+        own: N, their displacements by q unknowns that the tie has of its own, metres per metre, shape (m, 3, q), the
+            same q on every rank.
         motion: Of a rigid face, whose amounts its own unknowns are.
         bolt: Of the section of a bolt, whose shortening its own unknown is.
         prescribed: Of equations, their constants.

@@ -1,7 +1,8 @@
 """The facets of a face and where straight lines meet them, for the evidence of pairs alone.
 
 Written a second time on purpose: it shares no code with the mortar integration, whose gaps, normals and weights are
-judged by it (`pair_evidence`).  The point on a facet is found by Newton's method.
+judged by it (`pair_evidence`).  The point on a facet is found by Newton's method, of plane triangles in one
+step.
 """
 
 from __future__ import annotations
@@ -127,7 +128,8 @@ class Facets:
         return len(self.nodes)
 
     def at(self, facet: IntArray, place: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """The functions (q, n), points, and derivatives of these, shapes (q, 3), of places (q, 2) on facets (q,)."""
+        """The functions (q, n), the points, and the derivatives of these, shapes (q, 3), of reference places (q, 2) on
+        facets (q,)."""
         values, along_r, along_s = facet_functions(self.corners, self.degree, place)
         nodes = self.x[facet]
         return values, *(np.einsum("qn,qni->qi", of, nodes) for of in (values, along_r, along_s))
@@ -182,7 +184,8 @@ class Facets:
 
     @cached_property
     def slivers(self) -> FloatArray:
-        """Areas between the edges where the face ends and straight ones, in the planes of corners, m^2, shape (f,)."""
+        """Areas between the edges where the face ends and straight ones, in the planes of the corners, m^2, shape
+        (f,)."""
         if self.degree == 1:
             return np.zeros(len(self))
         start, end = self.x[:, : self.corners], np.roll(self.x[:, : self.corners], -1, axis=1)
@@ -202,7 +205,8 @@ def plane_vectors(corners: FloatArray) -> FloatArray:
 
 
 def facets_of(space: DisplacementSpace, facets: Int32Array) -> tuple[Facets, IntArray]:
-    """The boundary facets of a face, of all ranks, and the nodes of this rank's, for `gathered`; collective."""
+    """The boundary facets of a face, of all ranks, and the nodes of those of this rank, as `gathered` takes them;
+    collective."""
     domain, comm = space.domain, space.comm
     cell, columns = space.in_cells(facets)
     dofs = compat.cell_dofs(space.V)[cell[:, None], columns]
@@ -455,7 +459,8 @@ _FINEST: Final = 32
 """Facets of a slave over those of its master above which it has more points, and how many times as many at most."""
 
 _OPPOSITE: Final = 0.4
-"""Share of a node's part before the master from which it must be a contact point: twice that from which it is one."""
+"""Share of its part of the face before the master from which a node must be a contact point: twice that from which it
+is one."""
 
 
 def finer(slave: Facets, master: Facets) -> int:

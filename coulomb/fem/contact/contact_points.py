@@ -52,7 +52,8 @@ facets of a length h at coordinates x have errors of 1e-16 |x|/h."""
 
 
 def contact_matrix(points: ContactPoints, frames: FloatArray) -> PETSc.Mat:
-    """B (3 m, n): displacements of contact points against what they touch, in frames n, t1, t2, (m, 3, 3)."""
+    """B, shape (3 m, n): the displacements of contact points against what they touch, in frames of rows n, t1, t2 (m,
+    3, 3); collective."""
     seen = frames
     if points.mirrored is not None:
         across = np.einsum("mai,mij->maj", frames, points.mirrored)
@@ -332,7 +333,8 @@ def among_all(weights: scipy.sparse.csr_matrix, member: Member, whole: Deformabl
 
 
 def contact_points(space: DisplacementSpace, facets: Int32Array) -> ContactPoints:
-    """The contact points of boundary facets, in the order of nodes, kept for later evidence; collective."""
+    """The contact points of boundary facets, in the order of their nodes, kept for the evidence of load steps;
+    collective."""
     key = space.key_of(facets)
     if key not in space.points_of_faces:
         points = (nodal_points if space.positive else _weighted)(space, facets)

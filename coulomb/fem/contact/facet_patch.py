@@ -289,7 +289,8 @@ class FacetPatch:
 
     @cached_property
     def bulges(self) -> FloatArray:
-        """The way from every facet's middle to the smooth face for which facets may stand, metres, shape (f, 3).
+        """The way from the middle of every facet to the smooth face for which the facets may stand, metres, shape
+        (f, 3).
 
         The smooth face has the mean normals n_k of the facets around the nodes: to second order the middle is off by
         1/2 of the mean of ((x_k - x) . n_k) n_k.  0 of second-order facets, where `curved` is known, and at edges

@@ -232,7 +232,8 @@ class MortarRows:
     layered: int
 
     def gap(self, n: FloatArray) -> FloatArray:
-        """Distance of the undeformed master along unit normals n (m, 3), metres, (m,); negative where faces overlap."""
+        """Distance of the master before deformation along unit normals n (m, 3), metres, shape (m,); negative where the
+        faces overlap."""
         return np.maximum(np.einsum("ki,ki->k", self.separation, n), self.overlap)
 
 
@@ -283,7 +284,8 @@ def mortar_rows(
 
 
 def _around(slave: FacetPatch, owned: tuple[int, int]) -> IntArray:
-    """The facets with nodes of this rank, and those near that decide which nodes are left out, and for what."""
+    """The facets with nodes of this rank, and those near that decide which nodes are left out and what takes their
+    part."""
     seen = np.zeros(slave.size, dtype=bool)
     seen[owned[0] : owned[1]] = True
     for _ in range(RINGS):

@@ -191,7 +191,8 @@ class Parts:
 
 
 def common_parts(cells: Cells, others: Cells, depth: float, reach: float) -> Parts:
-    """Common parts of all slave cells with master cells up to `depth` behind them and `reach` before them, metres."""
+    """The common parts of all slave cells with the master cells up to `depth` behind them and `reach` before them,
+    metres."""
     chunks = np.array_split(np.arange(len(cells.facet)), len(cells.facet) // _CELLS + 1)
     found = [_parts_of(at, cells, others, depth, reach) for at in chunks]
     return Parts(*(np.concatenate([getattr(part, field.name) for part in found]) for field in fields(Parts)))

@@ -103,7 +103,8 @@ class _Worst(NamedTuple):
 
 
 class _Now(NamedTuple):
-    """A body's own facets after deformation: the rows at their nodes (f, n, w), and outward vectors (f, 3)."""
+    """The facets of a body that this rank owns, after deformation: the rows at their nodes (f, n, w), and their outward
+    vectors (f, 3)."""
 
     rows: FloatArray
     vectors: FloatArray
@@ -173,14 +174,16 @@ class Surface:
         obstacles: Sequence[Obstacle] = (),
         large: bool = False,
     ) -> Overlap | None:
-        """The overlap that is largest relative to the motion there; None if none is worth a word; collective.
+        """The overlap that is largest relative to the motion there; None if there is none worth a word; collective, the
+        same on every rank.
 
         Args:
             u: Displacement of this rank's nodes, metres, shape (k, 3).
             component: The component of the meshes that each is in, shape (k,).
             deformation: Mean displacement of the forces that deform it, metres, shape (k,).
             judged: Of every pair this rank's slave nodes that are kept out.
-            gaps: Of every pair the largest gap given beside the distance, metres: so far its bodies may overlap.
+            gaps: Of every pair the largest gap that is given beside the distance, metres: by so much its bodies may be
+                inside each other.
             obstacles: The rigid foundations.
             large: Whether bodies may have moved far: then relative motions count as at most the deformation.
         """
@@ -315,7 +318,8 @@ class Surface:
     def _inside(self, points: Sequence[Rows], cells: Sequence[FloatArray], deformed: bool) -> Rows:
         """The points that are in this rank's cells of each body with which they share no node, with the body, the
         component and the place of the material there, if it has moved relative to them, and whether it can have come
-        through a face alone out of which their contact keeps them; before deformation in their component."""
+        through a face alone out of which their contact keeps them; before deformation those in the component that they
+        have."""
         found = [points[0][:0]]
         for part, (body, of, these) in enumerate(zip(self._bodies, cells, points, strict=True)):
             if not len(these):

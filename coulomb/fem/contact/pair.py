@@ -131,7 +131,8 @@ def _side(elasticity: Deformable, face: str) -> _Side:
 
 
 def _stiffness(elasticity: Deformable, face: str) -> float:
-    """Twice the shear modulus of a body at a face, in pascals, whatever its mesh, of the user's forms too; collective.
+    """Twice the shear modulus of a body at a face, in pascals, whatever its mesh, and also of the user's forms;
+    collective.
 
     A uniform strain without change of volume, A, has the stress 2 mu A and the nodal forces 2 mu A n, n the integral of
     the outward normal against the hat functions.  Of anisotropic materials it is a mean over five strains.
@@ -266,7 +267,8 @@ def curved_patch(
     what: str,
 ) -> FacetPatch:
     """The facets of a face that this rank owns, with the surface for which they stand (`Shape`), its normals within
-    planes of symmetry, which are `held`; ValueError, from `what` on, if nodes are off the surface; collective."""
+    planes of symmetry, which are `held`; ValueError on every rank, beginning with `what`, if nodes are off the surface;
+    collective."""
     patch, comm = facet_patch(space, facets), space.comm
     if surface is not None:
         return on_all_ranks(lambda: patch.on_surface(surface), what, comm)

@@ -192,7 +192,8 @@ class PairSamples:
         self._missing = self._missed()
 
     def _functions(self, node: IntArray, standing: IntArray, columns: IntArray) -> None:
-        """lambda_j on the facets: dual functions, those without a contact point shared by the facet's others."""
+        """lambda_j on the facets: dual functions, those of nodes without a contact point shared by the others of the
+        facet."""
         slave, chosen, width = self._slave, self._chosen, self._slave.nodes.shape[1]
         self._curves = facet_functions(slave.corners, 2, self._at)[0]
         linear = facet_functions(slave.corners, 1, reference_nodes(slave.corners, slave.degree))[0].T

@@ -75,7 +75,8 @@ def section_of(body: Deformable, given: Pretension, taken: BoolArray) -> Tie:
     """The section of a bolt, of nodes that are in no tie (`taken`, (k,)); collective.
 
     Raises:
-        ValueError: On every rank, as of `tie_of`, without plane or direction, or if supports hold it along the bolt.
+        ValueError: On every rank, as of `tie_of`, if it is not plane and has no direction, or if supports hold it along
+            the bolt.
     """
     comm, tie = body.comm, tie_of(body, given, taken)
     x = body.x[tie.nodes]
@@ -102,7 +103,8 @@ def section_of(body: Deformable, given: Pretension, taken: BoolArray) -> Tie:
 
 
 def _outermost(r: FloatArray, n: FloatArray, radius: float, comm: MPI.Comm) -> IntArray:
-    """Which of this rank's nodes, at r (m, 3) from the middle, are farthest in one of 8 directions across n."""
+    """Which of this rank's nodes, at r (m, 3) from the middle, are the farthest in one of 8 directions across n;
+    collective."""
     across = np.cross(n, np.eye(3)[np.argmin(np.abs(n))])
     across /= np.linalg.norm(across)
     angles = 0.125 * np.pi * np.arange(1, 16, 2)[:, None]  # askew to edges

@@ -57,7 +57,8 @@ class FaceMotion:
     def slip(
         self, body: Deformable, surface: ContactSurface, motions: Sequence[RigidMotion], foundations: Foundations
     ) -> FloatArray:
-        """Slip since the start of the step at the points of a surface, space vectors, metres, (m, 3); collective."""
+        """Slip since the start of the step at the contact points of a surface, space vectors in metres, shape (m, 3);
+        collective."""
         slip = np.zeros_like(surface.x)
         present, normals = foot_points(body, surface.faces, motions, foundations)
         for part, feet in present.items():

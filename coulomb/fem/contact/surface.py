@@ -131,7 +131,8 @@ class ContactSurface:
         return np.einsum("kij,ki->kj", inverse_frames(self.frames), rows)
 
     def rows(self, u: FloatArray) -> FloatArray:
-        """B u: displacement of contact points in n, t1, t2 (m, 3) from u (k, 3) of this rank, metres; collective."""
+        """B u: displacement of the contact points in n, t1, t2 (m, 3) from u (k, 3) of this rank's nodes, metres;
+        collective."""
         return rows_of(self.B, u)
 
     def at_nodes(self, x: FloatArray) -> FloatArray:
@@ -173,7 +174,8 @@ def contact_surface(
     gap_factor: float = 1.0,
     facing: bool = True,
 ) -> ContactSurface:
-    """The contact nodes of a face against a rigid foundation, by default its plane, if it is plane.
+    """The contact nodes of a face against a rigid foundation, by default the plane of the face, which must then be
+    plane.
 
     The condition at a node is linear, u_n <= gap.  With the foundation's normals, n = -grad phi at the node and gap =
     phi, the signed distance: exact to first order in u, and the condition itself for a plane.  With the body's, n is

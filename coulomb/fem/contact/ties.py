@@ -69,7 +69,8 @@ class Tied(LastingConstraint):
         return f"{self.kind} of {self.face!r} to {self.against!r}"
 
     def turn(self, master: FloatArray, slave: FloatArray) -> Turn | None:
-        """The rotation that takes the master, with its middle at a place (3,), metres, onto the slave; or None."""
+        """The rotation that takes the master, with its middle at a place (3,) in metres, onto the slave; None if both
+        are where they are."""
         return None
 
     def as_made(self, tie: Tie) -> Tied:
@@ -179,7 +180,8 @@ class TiedRows:
     Attributes:
         node: Numbers of the nodes in the patch, ascending, shape (m,).
         area: Integrals of their functions N' over the common part, m^2, shape (m,).
-        weights, opposite: Shapes (m, nodes of the slave), (m, nodes of the master); rows of both have the sum 1.
+        weights, opposite: Shapes (m, nodes of the slave), (m, nodes of the master); the rows of both together have the
+            sum 1.
         traction: Tractions at the nodes by the forces on nodes of the slave, 1/m^2, shape (m, nodes of the slave).
         distance: Mean distance of the faces along the normal, metres, shape (m,); negative where they overlap.
         untied: Numbers of nodes before the master that are not tied, since less than a share of 0.2 of their area is.
@@ -425,7 +427,8 @@ def tie_of(body: Deformable, given: Tied, taken: BoolArray) -> Tie:
 
 
 def _clamped(body: Deformable, face: str, taken: BoolArray) -> int:
-    """Number of nodes of a face that are held along all directions, or follow others, over all ranks; collective."""
+    """Number of nodes of a face that are held along all directions, or follow others already, over all ranks;
+    collective."""
     member, facets = body.face(face, "tie")
     nodes = member.body.nodes_of(facets)
     held = np.trace(member.body.held.projector_at(nodes), axis1=1, axis2=2) > _ALL_HELD
@@ -451,7 +454,8 @@ def _carrying(
     rows: scipy.sparse.csr_matrix, beside: scipy.sparse.csr_matrix, x: FloatArray, offset: FloatArray, rounding: float
 ) -> tuple[scipy.sparse.csr_matrix, FloatArray]:
     """Rows (m, nodes) at nodes x (nodes, 3) with the blocks of their entries, shape (entries, 3, 3), by which slave
-    nodes at an offset (m, 3) from there follow the rotation of their rows' nodes and `beside` these (nodes, nodes)."""
+    nodes at an offset (m, 3) from there follow the rotation of the nodes in their rows and of those `beside` these
+    (nodes, nodes)."""
     apart = np.linalg.norm(offset, axis=1) > rounding
     if np.any(apart):
         wider = (scipy.sparse.diags(apart.astype(np.float64)) @ abs(rows) @ beside).tocoo()

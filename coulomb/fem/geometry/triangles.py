@@ -30,7 +30,8 @@ class Triangles:
     out of the solid.
 
     Raises:
-        ValueError: If there are no triangles, or the surface has an edge with one triangle, so that it has no inside.
+        ValueError: If there are no triangles, or the surface has an edge with one triangle, where inside and outside
+            are not told apart.
     """
 
     def __init__(self, x: FloatArray, what: str):

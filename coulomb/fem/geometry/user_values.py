@@ -22,7 +22,8 @@ Field = Sequence[float] | Callable[[FloatArray], FloatArray]
 DOLFINx takes it; or a fem.Constant, a fem.Function of any space, a fem.Expression, or an expression of UFL."""
 
 Coefficient = float | Callable[[FloatArray], FloatArray]
-"""A number, or a function of x (3, k), metres, that returns k numbers; or an object of DOLFINx or UFL, as `Field`."""
+"""A number, or a function of x, shape (3, k), in metres, that returns k numbers; or an object of DOLFINx or UFL, as
+for `Field`."""
 
 Amplitude = float | Callable[[float], float] | Sequence[tuple[float, float]] | LoadCurve
 """Factor of a load: a number, a function of time, a table of (time, factor), or a `LoadCurve`.

@@ -40,7 +40,8 @@ def read(path: str, cells: str | None = None) -> MeshFile:
 
     Args:
         path: The file.
-        cells: The set of solid elements to read, or a kind of cells of the deck (`Geometry.kinds`); by default all.
+        cells: The set of solid elements to read, or one of the kinds of cells of the deck (`Geometry.kinds`); by
+            default all.
 
     Raises:
         OSError: If it, or a file it includes, cannot be read.

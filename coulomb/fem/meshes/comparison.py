@@ -98,7 +98,8 @@ def finer(
         mesh: The bodies.
         squared: Of each body, by name ("" if it is alone), the squared errors of this rank's own c cells, shape (c,);
             of a box the parts that planes across x, across y and across z make smaller, shape (3, c).
-        flat: Volume between facets and the surface for which they stand, over that of a body (`polygon`), small enough.
+        flat: Volume between facets and the surface for which they stand, over that of a body (`polygon`), that is small
+            enough.
 
     Raises:
         ValueError: On every rank, as `refined`.
@@ -170,7 +171,8 @@ class _Slabs:
 
     @property
     def gains(self) -> FloatArray:
-        """Of a plane more across x, y, z, the decrease of the squared error over further cells, but for a factor."""
+        """Of one plane more across x, y and z, the decrease of the squared error over the further cells, but for a
+        factor."""
         errors: FloatArray = self._single * self.counts ** (1.0 - self._order)
         return errors / self.cells
 

@@ -41,7 +41,8 @@ class Exchange:
         return self._all_to_all(rows[self._order], self._out, self._into)
 
     def reply(self, answers: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """For this rank's entries the answers of the ranks that got them, one for each row, in order; collective."""
+        """For this rank's entries the answers of the ranks that got them, one for each row received, in their order;
+        collective."""
         back = self._all_to_all(answers, self._into, self._out)
         found = np.empty_like(back)
         found[self._order] = back
@@ -86,7 +87,8 @@ def global_numbers(index_map: Any) -> IntArray:
 def fetched(
     comm: MPI.Comm, starts: IntArray, numbers: npt.NDArray[np.integer[Any]], rows: npt.NDArray[Any]
 ) -> npt.NDArray[Any]:
-    """Rows of an array, of which this rank has `rows` after `starts_of`, by numbers of any shape; collective."""
+    """Rows of a distributed array, of which this rank has `rows` after `starts_of`, by their numbers of any shape;
+    collective."""
     if comm.size == 1:
         return rows[numbers]
     wanted, inverse = np.unique(numbers, return_inverse=True)

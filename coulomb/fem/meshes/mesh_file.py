@@ -72,7 +72,8 @@ class MeshFile:
         cell_groups: Cells of every group of cells, by name.
         face_groups: Corners of every facet of every group of facets, by name, shape (k, 3) or (k, 4).
         node_groups: Points of every named set of nodes.  It is a face if it covers whole facets of the boundary.
-        numbers: Of every point its number in the file, shape (p,); None without numbers: they are counted from 1.
+        numbers: Of every point the number that the file gives it, shape (p,); None if it gives none: then they are
+            counted from 1.
     """
 
     path: str

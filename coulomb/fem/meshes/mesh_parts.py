@@ -53,7 +53,8 @@ def local_cells(domain: Any, starts: IntArray, groups: Mapping[str, IntArray]) -
 
 
 def local_nodes(domain: Any, starts: IntArray, groups: Mapping[str, IntArray]) -> dict[str, Int32Array]:
-    """The nodes of a mesh's geometry on this rank, ghosts included, of every group, as of `local_cells`; collective."""
+    """The nodes of a mesh's geometry on this rank, ghosts included, of every group of points, as of `local_cells`;
+    collective."""
     return _members(domain.comm, starts, groups, domain.geometry.input_global_indices)
 
 

@@ -86,7 +86,8 @@ def smooth_second_order(mesh: NamedMesh) -> NamedMesh:
 
 
 def first_order(mesh: NamedMesh) -> NamedMesh:
-    """The mesh with 4-node tetrahedra or 8-node hexahedra of the same corners, edges and faces straight; collective.
+    """The mesh with 4-node tetrahedra or 8-node hexahedra of the same corners, where curved edges and faces become
+    straight; collective.
 
     Args:
         mesh: A second-order mesh with its named faces and groups of cells, which are kept.
@@ -143,7 +144,8 @@ def _of_order(
 
 
 def _at_points(domain: Any, values: IntArray) -> IntArray:
-    """Values (k,) at the points of which it gave k to make a mesh, at those that it has of the mesh; collective."""
+    """Values (k,) at the points of which this rank gave k to make a mesh, at the points that it has of the mesh;
+    collective."""
     given = np.asarray(domain.geometry.input_global_indices, dtype=np.int64)  # without cells: empty, of any type
     return fetched(domain.comm, starts_of(domain.comm, len(values)), given, values)
 
@@ -392,7 +394,8 @@ def read_mesh(
     with all corners in the set have all of its nodes as corners.
 
     Args:
-        path: The file; rank 0 reads it, and needs the memory for all; of XDMF every rank reads a part.
+        path: The file; rank 0 reads it, and needs the memory for all of it, but for XDMF, of which every rank reads a
+            part.
         names: Names of faces with the number of their facets, in formats with numbers (XDMF and those by meshio);
             others are called by the number, as in "3".
         cell_names: Names of cell groups with the number of their cells, in the same formats.
@@ -400,7 +403,8 @@ def read_mesh(
         comm: The ranks that share the mesh.
         cuts: Groups of facets inside the body along which it is cut: nodes are doubled, and each is two faces, one with
             its name and one with "_opposite" after it, for a `Pretension`, a `Tied` or a `Contact`.  Not for XDMF.
-        only: The group of cells to read, in `.inp` files the set of elements; by default all.  Not of XDMF, Exodus.
+        only: The group of cells that is read, in `.inp` files the set of elements; by default all.  Not of XDMF and
+            Exodus files.
 
     Raises:
         ValueError: On every rank, if the format is not known or the file cannot be read or used, with the reason.
@@ -440,7 +444,8 @@ def from_first_rank(comm: MPI.Comm, path: str | Path, sound: InspectedMesh | Non
 
 
 def known_format(path: str | Path, named: bool = False) -> str:
-    """The end of the name of a mesh file; ValueError if unknown, or names are given and it has no numbers."""
+    """The end of the name of a mesh file; ValueError if the format is not known, or names are given and it has no
+    numbered groups."""
     end = Path(path).suffix.lower()
     if end not in mesh_formats.FORMATS:
         raise ValueError(f"{path}: the name of a mesh file must end in one of {mesh_formats.listed()}")

@@ -52,7 +52,8 @@ _LARGE = re.compile(rb"^(?:CTETRA|CHEXA|CPENTA|CPYRAM?|CTRIA3|CQUAD4)\*", re.MUL
 
 
 def read(path: str, names: Mapping[str, int], cell_names: Mapping[str, int], only: str | None = None) -> MeshFile:
-    """Read a file on this rank, or the cells of one group alone; its extension is the format; names as of `read_mesh`.
+    """Read a file on this rank, or the cells of one group alone; its extension determines the format; names as of
+    `read_mesh`.
 
     Raises:
         OSError: If it cannot be read.

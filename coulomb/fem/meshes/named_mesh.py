@@ -59,7 +59,8 @@ class NamedMesh:
         cells: This rank's own cells of each group, by name; cell numbers of `domain`; or MeshTags, or MeshData.
         refused: Groups of facets in the file that cannot be faces, by name, with the reason.
         components: How many components the mesh in the file has, which share no nodes; 1 if it is not from a file.
-        touching: Places in metres at which nodes of several components coincide, found on this rank, shape (k, 3).
+        touching: Places in metres at which nodes of several components coincide, those found on this rank, shape
+            (k, 3).
         coarser: Makes the same body with about half as many cells along each edge, collectively; None where there is
             no such mesh.  ValueError if its cells would be flat.
         grid: Of a box, how it was made.
@@ -157,7 +158,8 @@ class NamedMesh:
         Args:
             name: Of the set, such as "corner".
             at: Where its nodes are, metres, shape (3,) or (q, 3), every rank the same; or a function of coordinates
-                (3, k) that is True at them, shape (k,).  Of several nodes at one place, as at a cut, it has all.
+                (3, k) that is True at them, shape (k,).  Of several nodes at one place, as on the two sides of a cut,
+                it has all.
             numbers: In place of it their numbers in the mesh file (`node_numbers`), or, of a mesh that is not from a
                 file, 0 for the first node of the arrays that it was made of, shape (q,), every rank the same.
 

@@ -1,7 +1,8 @@
 """A scalar field from a file, as a temperature or a gap, with its own mesh, interpolated at the nodes of the body.
 
 A point that is a node of the field's mesh has its value exactly; elsewhere the field is linear in tetrahedra, into
-which other cells are split.  No interpolator of SciPy keeps the cells: its Delaunay triangulation fills hollows.
+which other cells are split.  No interpolator of SciPy keeps the cells: its Delaunay triangulation fills slots and
+hollows.
 """
 
 from __future__ import annotations
@@ -116,7 +117,8 @@ _AT_ONCE: Final = 5_000
 
 @dataclass(frozen=True, eq=False)
 class NodalField:
-    """A number at each node of a mesh, as temperatures or gaps; a function of place for `ContactProblem` and `Contact`.
+    """A number at each node of a mesh, as temperatures or gaps; a function of place, as `ContactProblem` and `Contact`
+    take it.
 
     Attributes:
         points: Nodes of the mesh in metres, shape (n, 3).
@@ -175,7 +177,8 @@ class NodalField:
 
     def at_nodes(self, x: FloatArray, inside: FloatArray) -> FloatArray:
         """Values at the nodes x (k, 3) of a mesh, shape (k,); where parts touch, and the field has several nodes at the
-        place, that of the part with the node: `inside` is the middle of a cell of it, (k, 3).  Errors as of calls."""
+        place, that of the part with the node: `inside` is the middle of a cell of it, shape (k, 3).  Errors as of a
+        call."""
         found = self(x.T)
         at = self._nodes.query(x, k=2)[0][:, -1] <= _SAME * np.max(np.ptp(self.points, axis=0))
         cell, _ = self._cells.containing(x[at] + _INTO * (inside - x)[at])

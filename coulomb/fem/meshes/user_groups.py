@@ -42,7 +42,8 @@ def is_tags(value: Any) -> bool:
 
 
 def faces_of(domain: Any, given: Any, what: str) -> tuple[Groups, dict[str, str]]:
-    """The faces of a mesh, ascending facets of this rank, by name, and why groups are none; collective.
+    """The faces of a mesh, ascending facets that this rank owns, by name, and the reasons why groups are none;
+    collective.
 
     Args:
         domain: The mesh.
@@ -51,7 +52,8 @@ def faces_of(domain: Any, given: Any, what: str) -> tuple[Groups, dict[str, str]
         what: Beginning of messages.
 
     Raises:
-        ValueError: On every rank, if facets are not on the boundary of the mesh, there are none, or it is no such.
+        ValueError: On every rank, if facets are not on the boundary of the mesh, there are none, or the argument is
+            something else.
     """
     boundary, comm, names = boundary_facets(domain), domain.comm, dict[int, str]()
     if is_mesh_data(given):

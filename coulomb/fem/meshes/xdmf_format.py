@@ -131,7 +131,8 @@ class XdmfFile:
         return on_all_ranks(read, f"{self.path}: {where} cannot be read", self.comm)
 
     def beside(self, values: XdmfArray, rows: int) -> npt.NDArray[Any]:
-        """The values of an array with one number per row of another, of which here are so many; collective."""
+        """The values of an array with one number per row of another one, of which this rank has so many rows;
+        collective."""
         found = np.ravel(self.part(values, 1))
         theirs, ours = starts_of(self.comm, len(found)), starts_of(self.comm, rows)
         if np.array_equal(theirs, ours):
@@ -276,7 +277,8 @@ def read(
     cell_names: Mapping[str, int],
     comm: MPI.Comm,
 ) -> MeshFile:
-    """Read a mesh, the first Grid of tetrahedra or hexahedra, every rank a part; as `read_xdmf`; collective.
+    """Read a mesh, the first Grid of tetrahedra or hexahedra, every rank a part; arguments as of `read_xdmf`;
+    collective.
 
     Returns:
         Of points, cells and facets those of this rank, of groups of cells the numbers of cells on any rank; cells and

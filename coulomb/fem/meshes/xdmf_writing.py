@@ -94,7 +94,8 @@ def gathered(mesh: NamedMesh) -> InspectedMesh:
 
 def write(mesh: InspectedMesh, path: Path) -> None:
     """Write a mesh that one rank has, .xdmf with the arrays in .h5 beside it; groups become numbers, whose names are in
-    an Information element; points of no cell are left out, the others keep their numbers (`NODE_NUMBER`).
+    an Information element; points that belong to no cell are left out, and the others keep their numbers
+    (`NODE_NUMBER`).
 
     Raises:
         OSError: If a file cannot be written; earlier ones of these names are kept then, and no partial ones left.

@@ -1,7 +1,8 @@
 """`page DIRECTORY FILE`, the same with picture.png as `both`, `overview`, or `plot ARGUMENTS` in JSON: in a separate
 process by the command line (`drawing_process`), with which it ends.
 
-On failure one line on standard error, and exit code 2 if the input is wrong, 1 if a package or disk space is missing.
+On failure one line on standard error, and exit code 2 if the input is wrong, 1 if a package or the room for the file is
+missing.
 """
 
 import contextlib

@@ -136,7 +136,8 @@ def reactions(run: Run) -> str:
 
 
 def probes(run: Run) -> str:
-    """For a load history: displacement of probes, and pressure of those in contact, against time; or empty."""
+    """For a load history: displacement of the probes, and pressure of those in contact, against time; empty without
+    probes."""
     names = [probe["name"] for probe in run.summary.get("probes", ())][: len(_CURVES)]
     curves = {
         name: [_magnitude(run.rows, f"probe_{name}_displacement"), _column(run.rows, f"probe_{name}_pressure")]
@@ -258,7 +259,8 @@ def torque(run: Run) -> str:
 
 
 def _drive(run: Run) -> tuple[Any, str]:
-    """The largest motion in a history at every step, (steps, 3), and what moves: a support or the foundation."""
+    """The largest motion in a history at every step, (steps, 3), and its source: a prescribed displacement or the
+    foundation."""
     found: list[tuple[Any, str]] = []
     body = run.steps[0].grid("solution")
     if "held" in body.fields and "prescribed" in body.fields:

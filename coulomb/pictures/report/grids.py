@@ -321,7 +321,8 @@ def without(skin: Any, facets: IntArray) -> Any:
 
 
 def patches(cells: IntArray, points: FloatArray) -> Any:
-    """The surface in pieces, one for each corner of a facet: what is nearest to it, the `node` of its cell data."""
+    """The surface in pieces, one for each corner of every facet: what is nearest to that corner, the `node` of its
+    cell data."""
     count, pieces, nodes = corners_in(cells), [], []
     for n in np.unique(count):
         of = cells[count == n, :n]

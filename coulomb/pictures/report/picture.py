@@ -288,7 +288,8 @@ _ABOVE, _BESIDE = (8.3, 3.7), (5.4, 5.4)
 
 
 def draw(directory: Path, run: Run | None = None) -> Path:
-    """Draw picture.png into the directory of a run, with its files and summary.json; it may have been read.
+    """Draw picture.png into the directory of a run, with solution.xdmf, contact.xdmf and summary.json; it may have been
+    read.
 
     Raises:
         ValueError: If the directory contains no run, or a file cannot be read.

@@ -82,7 +82,8 @@ class Camera:
 
 
 def beside(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Direction of view of a face with this outward normal and of the body drawn apart, from the side, and upwards."""
+    """Direction of view of a face with this outward normal and of the body drawn apart from it, from the side, and
+    upward direction."""
     one, other = _along(normal)
     return 0.8 * normal + 0.9 * one - 1.5 * other, normal
 

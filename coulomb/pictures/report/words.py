@@ -60,7 +60,8 @@ def other_totals(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, dict[st
     """What 1 % more of inputs does to totals beside contact forces: words of the total, its unit, and the changes, of
     one number or several, by the names of the inputs, largest first.
 
-    Totals that nothing changes are left out, and mean pressures where areas stay: they go with normal forces.
+    Totals that nothing changes are left out, and mean pressures where areas stay: they are in proportion to the normal
+    forces.
     """
     entries = summary.get("sensitivity") or ()
     for kind, words, name, unit in _OTHERS:
@@ -128,7 +129,8 @@ def _total_in_words(quantity: str) -> str:
 
 
 def friction_in_words(law: Mapping[str, Any]) -> str:
-    """The law of friction with its numbers in summary.json: Mohr-Coulomb friction 0.3, cohesion 2 MPa."""
+    """The law of friction with its coefficients, from its numbers in summary.json: Mohr-Coulomb friction 0.3, cohesion
+    2 MPa."""
 
     def of(name: str, unit: str = "") -> str:
         given = math.nan if law[name] is None else law[name]  # without contact points
