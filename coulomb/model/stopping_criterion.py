@@ -217,7 +217,13 @@ class StoppingCriterion:
         if result.status is Status.INTERRUPTED:
             return failure
         if not result.residual <= tolerance:
-            whole = (running_away(problem, result), str(failure), _worst(problem, result), implausible_sizes(problem))
+            whole = (
+                running_away(problem, result),
+                str(failure),
+                _worst(problem, result),
+                _shared(problem),
+                implausible_sizes(problem),
+            )
             texts = [text for text in whole if text]
             return NotConverged("; ".join(texts), result) if len(texts) > 1 else failure
         if away := running_away(problem, result):
@@ -247,6 +253,19 @@ def _worst(problem: DiscreteProblem, result: SolverResult) -> str:
     left = posed.unresolved(result.x, result.gradient)
     unresolved = f"; rounding errors of displacements alone leave {left:.1e} of a force" if left > 0.1 * worst else ""
     return f"worst contact point {where}: its residual is {worst:.1e} of its force{unresolved}"
+
+
+def _shared(problem: DiscreteProblem) -> str:
+    """That rough contact goes across a tie, where nearly matching meshes leave shares of both sides undetermined, in
+    words; else empty; collective."""
+    over, points = Reductions(problem.comm), problem.surface.nodes
+    for tie in problem.elasticity.constraints.ties if over.any(bool(np.any(problem.law.sloped))) else ():
+        if tie.of_faces and over.any(bool(np.any(np.isin(tie.nodes, points)))):
+            return (
+                f"contact goes across the {tie.kind} of {tie.face!r} to {tie.against!r}, whose sides share forces: let "
+                "their meshes match to rounding there, or differ by a fifth of a cell"
+            )
+    return ""
 
 
 def implausible_sizes(problem: DiscreteProblem) -> str:

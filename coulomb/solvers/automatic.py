@@ -15,7 +15,7 @@ from .friction_problem import FrictionProblem, SolverSettings, Task
 from .interior_point import InteriorPoint
 from .results import Goal, NotConverged, ProgressCallback, QPStep, SemismoothStep, SolverResult, Status
 from .semismooth_newton import SemismoothNewton
-from .successive_tresca import SuccessiveTresca
+from .successive_tresca import OTHER_METHOD, SuccessiveTresca
 
 FINISH: Final = SemismoothNewton(patience=3, refused=1e-4, finer=1.0, forcing=0.03, sharpest=0.01)
 """From the end of a path it takes one to five steps; the residual may grow in the first and fall in the second.  An
@@ -107,7 +107,7 @@ class Automatic(SolverSettings):
             other = replace(other, newton_steps=steps + other.newton_steps)
             return called(other, f"{second.name}, after the {first.name} method had {one.status.value}")
         better = min((one, other), key=lambda result: result.residual)
-        message = f"{one.message}.  Then {other.message}"
+        message = f"{one.message}.  Then {other.message.removesuffix(OTHER_METHOD)}"
         return called(replace(better, message=message), f"{better.method}, the better of both")
 
 

@@ -289,13 +289,17 @@ def _not_decreasing(changes: list[float], count: int) -> bool:
     return len(changes) > count and min(changes[-count:]) > 0.9 * min(changes[:-count])
 
 
+OTHER_METHOD: Final = "; try InteriorPoint, in a case file method = interior-point"
+"""Advice that ends a message."""
+
+
 def _message(goal: Goal, result: SolverResult, why: str) -> str:
     """Diagnosis and advice."""
     residuals = ", ".join(f"{step.residual:.1e}" for step in result.history[-4:])
     advice = {
         Status.OSCILLATING: "the slip bound oscillates between two states; use damping=None or memory > 0",
         Status.DIVERGED: "the slip bound diverges: friction locks the body, or there is no equilibrium nearby",
-        Status.STAGNATED: "the slip bound does not converge; try InteriorPoint, in a case file method = interior-point",
+        Status.STAGNATED: f"the slip bound does not converge{OTHER_METHOD}",
         Status.INTERRUPTED: "",
         Status.MAX_ITERATIONS: "more Tresca problems (max_iterations), or InteriorPoint (method = interior-point)",
     }[result.status]

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from conftest import dense_compliance, random_spd, solved_block
 
-from coulomb import InteriorPoint, NotConverged, Status, SuccessiveTresca
-from coulomb.solvers import FrictionProblem
+from coulomb import InteriorPoint, NotConverged, Status, SuccessiveTresca, solve_coulomb
+from coulomb.solvers import Automatic, FrictionProblem
 
 
 def small_coulomb(nodes, seed, friction):
@@ -114,3 +114,13 @@ def test_the_best_answer_is_kept_not_the_last():
     residuals = [step.residual for step in result.history]
     assert residuals[-1] > 1.5 * min(residuals)
     assert result.residual == pytest.approx(min(residuals)) == pytest.approx(problem.residual(result.x))
+
+
+def test_what_was_tried_is_not_advised():
+    """Of successive Tresca alone the interior point is; not after it."""
+    M = np.random.default_rng(19).normal(size=(90,))
+    A, b = M[:81].reshape(9, 9) @ M[:81].reshape(9, 9).T + 0.01 * np.eye(9), 3.0 * M[81:]
+    for solver in (SuccessiveTresca(), Automatic(interior_point=InteriorPoint(max_iterations=1))):
+        with pytest.raises(NotConverged, match="the slip bound does not converge") as failure:
+            solve_coulomb(A, b, 8.0, solver)
+        assert str(failure.value).endswith("method = interior-point") is isinstance(solver, SuccessiveTresca)
