@@ -256,6 +256,8 @@ class LoadStepLoop:
         reached = results[-1].status if sizes[-1] <= tolerance else Status.STAGNATED
         whole = replace(together(results), x=x, status=reached, residual=certificate["natural residual"].value)
         evidence, certificate = settled_to(evidence, certificate, whole.unsettled)
+        if passage := self.shared.passage(begin, here, state.force_on_body, x):
+            raise self._cut(passage)
         methods = {**linear.methods, "kinematics": "large", "linear_problems": len(sizes) - 1}
         methods |= {"definite": True} if self._definite else {}
         self.shared.answered = self.elasticity, here

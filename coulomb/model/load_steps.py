@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 from mpi4py import MPI
 
-from ..arrays import FloatArray, Int32Array
+from ..arrays import FloatArray, Int32Array, in_words
 from ..fem.bodies import Deformable, JoinedBodies, component_modes, free_motions
-from ..fem.contact import two_sides
+from ..fem.contact import Ways, facet_patch, into_foundation, through_each_other, two_sides
 from ..fem.meshes import SEPARATOR
 from ..linalg.reductions import Reductions
 from ..units import amount
@@ -101,6 +101,36 @@ class LoadSteps:
         elasticity = whole.of(bodies) if isinstance(whole, JoinedBodies) else bodies[0]
         self._sided = elasticity, self.body.on_sides(elasticity)
         return self._sided
+
+    def passage(self, begin: Iterate, end: Iterate, before: FloatArray, x: FloatArray) -> str:
+        """What passes through what it may touch in a step between two iterates, in words; "" if nothing does.  Contacts
+        are looked at that press neither `before`, by the forces at the points of states (m, 3), nor after, by x (3 m,);
+        collective."""
+        over, comm = Reductions(self.elasticity.comm), self.elasticity.comm
+        for number, (contact, foundation) in enumerate(zip(self.contacts, begin.foundations, strict=True)):
+            then, now = before[self.points.part == number], x.reshape(-1, 3)[end.problem.surface.part == number]
+            if not over.all(not np.any(then) and not np.any(now)):
+                continue
+            if foundation is None:
+                names, through = (contact.face, str(contact.against)), repr(contact.against)
+                faces = ((one.body.face(name, "contact") for one in (begin, end)) for name in names)
+                patches = [tuple(facet_patch(of.body, facets) for of, facets in one) for one in faces]
+                found = through_each_other(patches, comm)
+            else:
+                nodes, through = begin.body.nodes(contact.face, "contact"), "its foundation"
+                places = [
+                    one.problem.state.foundation_motions[number].undone(one.body.x[nodes]) for one in (begin, end)
+                ]
+                given = end.problem.body.given_gap(end.problem.surface, end.time)
+                gap = over.max(np.append(given[end.problem.surface.part == number], 0.0))
+                found = begin.body.x[nodes][into_foundation(Ways(*places), foundation, gap)]
+            every = [tuple(map(float, place)) for places in comm.allgather(found) for place in places]
+            if every:
+                return (
+                    f"{contact.face!r} passes through {through} in the step, from x = ({in_words(min(every))}) m on: "
+                    "inside between its start and its end, at which nothing touches"
+                )
+        return ""
 
     def damps(self) -> bool:
         """Whether a failed step is worth another attempt with damping, which is set: not if it was damped already, or

@@ -41,6 +41,7 @@ from .pair import (
     within,
 )
 from .pair_evidence import Claims, Deviations, PairSamples, Surfaces
+from .passages import Ways, into_foundation, through_each_other
 from .sections import Pretension
 from .self_contact import two_sides
 from .slip import FaceMotion, foot_points
