@@ -9,17 +9,26 @@ cones.py:
 2. the interior-point path (cone_paths.py) until the natural map is small, then nonsmooth Newton steps from there: they
    end in a solution to rounding accuracy, also where forces are not unique or contacts are at the edge between two
    states, where the path alone would come no nearer than the square root of rounding errors;
-3. where the path ends elsewhere: the curve of smoothed problems (cone_paths.py), with Newton steps as after the path;
-   it turns where the path is blocked;
-4. curves that begin with open contacts, each with other gaps.
+3. where the path ends elsewhere: proximal steps (R. T. Rockafellar, SIAM Journal on Control and Optimization 14, 1976)
+   from its end or from the sweeps', whichever is nearer a solution:
 
-Proved: the curve has a solution at its end, in general position and if forces stay bounded.  Not proved: that the path
-leads to one, or how long the curve is.  CONVERGED means that the natural residual, computed afresh, is below the
-tolerance, and the collection's own as well (cones.cone_residual).
+       X_new = P(X - rho/c (w + |w_t| e)),   w = W X_new + q,
+
+   each by Newton's method, whose matrix is 1 + rho/c G E W: regular for large c whatever the rank of W, and forces that
+   W leaves undetermined stay where they were.  c decreases where few Newton steps are enough, and increases where they
+   fail.
+
+4. curves of smoothed problems (cone_paths.py) that begin with open contacts, each with other gaps, and Newton steps as
+   after the path: where bodies jam at large friction.
+
+Without friction proximal steps converge; with it, they are the implicit Euler method of a flow that may wander before
+it comes to rest, or for ever.  A curve has a solution at its end, in general position and if forces stay bounded; its
+length is not known.  CONVERGED means that the natural residual, computed afresh, is below the tolerance, and the
+collection's own as well (cones.cone_residual).
 
 Work is limited by counts, not by time, so that a result can be repeated: floating-point operations of the
-factorisations with an estimate for the rest, and their number.  The first curve spends at most half of what is left
-when it begins.
+factorisations with an estimate for the rest, and their number.  Proximal steps spend at most three quarters of what is
+left when they begin.
 """
 
 from __future__ import annotations
@@ -82,11 +91,18 @@ def contradiction(problem: FrictionProblem, W: Any) -> str:
 
 
 _SHORT: Final = 0.4  # shortest step of the nonsmooth Newton method, ...
-_SHORTEST: Final = 1e-3  # ... and where it is patient
-_LEAST, _LARGEST = 1e-11, 1e-3  # proximal term
+_SHORTEST: Final = 0.05  # ... and of a proximal step's
+_REGULAR: Final = 0.1  # proximal term of its matrix, over the mean diagonal of A and the size of the natural map, ...
+_LEAST, _LARGEST = 1e-11, 1e-3  # ... and its bounds
 _NEAR: Final = 1e-2  # size of the natural map at which the path is left for Newton steps, ...
 _NEARER: Final = 0.1  # and factor by which it decreases before they are tried again
 _STALLED: Final = 15  # steps of the path without progress after which it ends
+_FIRST, _MOST = 0.1, 10.0  # c of the first proximal step, and beyond which they end
+_NEWTON: Final = 12  # Newton steps of a proximal step after which it has failed, ...
+_FEW, _MANY = 4, 8  # ... up to which the next one has a smaller c, and beyond which a larger one
+_SMALLER, _LARGER, _AFTER_FAILURE = 0.3, 1.5, 4.0  # by these factors
+_SHARE: Final = 0.75  # of the work that is left, for all of them
+_CLOSE: Final = 1e-2  # what a proximal step may leave over, over its length
 
 
 class _Ended(Exception):
@@ -123,17 +139,15 @@ class _ConeRun:
         try:
             if first is not None:
                 self._reported(first)
-            self._newton(self._X, self._settings.newton)
-            self._follow_path()
+            begun = self._newton(self._X, self._settings.newton)
+            ended = self._follow_path()
             why = contradiction(self._problem, self._cones.W)
             if why:
                 status = Status.NO_EQUILIBRIUM
             else:
-                self._follow_curve(0.5 * (self._cones.matrix.operations + self._settings.work))
+                self._proximal_steps(min(begun, ended, key=self._distance))
                 for number in range(self._settings.curves):
-                    self._follow_curve(self._settings.work, number)
-                if self._cones.matrix.operations > self._settings.work:
-                    status = Status.MAX_ITERATIONS
+                    self._follow_curve(number)
         except _Ended as end:
             status = end.status
         if self._best[0] == math.inf:  # it ended before any point was judged
@@ -142,6 +156,10 @@ class _ConeRun:
             except _Ended as end:
                 status = end.status
         return self._result(status, why)
+
+    def _distance(self, X: FloatArray) -> float:
+        """The natural map of X times its size: where bodies jam, forces that move nothing grow along the path."""
+        return self._cones.natural_map(X).size * (1.0 + float(np.linalg.norm(X)))
 
     def _reported(self, sweeps: Sweeps) -> None:
         if self._progress is not None and self._progress(Progress(0, len(self._history), sweeps.residual)):
@@ -170,10 +188,8 @@ class _ConeRun:
         if matrix.operations > self._settings.work or matrix.factorisations >= self._settings.systems:
             raise _Ended(Status.MAX_ITERATIONS)
 
-    def _newton(self, X: FloatArray, limit: int, patient: bool = False) -> FloatArray:
-        """Nonsmooth Newton steps from X as long as they make the natural map smaller, an impatient run much smaller;
-        the last X.
-        """
+    def _newton(self, X: FloatArray, limit: int) -> FloatArray:
+        """Nonsmooth Newton steps from X as long as they make the natural map much smaller; the last X."""
         at = self._cones.natural_map(X)
         sizes = [float(np.linalg.norm(at.value))]
         near = self._goal.residual
@@ -181,13 +197,11 @@ class _ConeRun:
             if at.size <= near:
                 self._judged(X)
                 near = 0.1 * at.size
-            step = self._cones.newton_step(at, min(max(self._settings.proximal * at.size, _LEAST), _LARGEST))
+            step = self._cones.newton_step(at, min(max(_REGULAR * at.size, _LEAST), _LARGEST))
             if step is None:
                 break
             alpha, new = 1.0, self._cones.natural_map(X + step)
-            while not np.linalg.norm(new.value) < (1.0 - 1e-4 * alpha) * sizes[-1] and alpha > (
-                _SHORTEST if patient else _SHORT
-            ):
+            while not np.linalg.norm(new.value) < (1.0 - 1e-4 * alpha) * sizes[-1] and alpha > _SHORT:
                 alpha *= 0.5
                 new = self._cones.natural_map(X + alpha * step)
             size = float(np.linalg.norm(new.value))
@@ -196,22 +210,22 @@ class _ConeRun:
                 break
             X, at = X + alpha * step, new
             sizes.append(size)
-            if not patient and len(sizes) > 4 and size > 0.5 * sizes[-4]:
+            if len(sizes) > 4 and size > 0.5 * sizes[-4]:
                 break
         if at.size <= 10.0 * self._goal.residual:
             self._judged(X)
         return X
 
-    def _follow_path(self) -> None:
-        """The interior-point path, with Newton steps where it has come near a solution."""
+    def _follow_path(self) -> FloatArray:
+        """The interior-point path, with Newton steps where it has come near a solution; its last X."""
         path = ConePath(self._cones)
         at: ConeStep | None = path.start()
-        near, best, best_at, last = _NEAR, math.inf, 0, None
+        near, best, best_at, last = _NEAR, math.inf, 0, self._X
         for number in range(self._settings.path):
             at = path.step(at) if at is not None else None
             if at is None:
                 break
-            last, size = at, self._cones.natural_map(at.X).size
+            last, size = at.X, self._cones.natural_map(at.X).size
             self._recorded(at.X, size, at)
             if size <= near:
                 near = _NEARER * size
@@ -220,27 +234,67 @@ class _ConeRun:
                 best, best_at = at.theta + at.infeasibility, number
             if number - best_at > _STALLED:
                 break
-        if last is not None:
-            self._newton(last.X, 2 * self._settings.newton, patient=True)
-            self._judged(last.X)
+        self._judged(last)
+        return last
 
-    def _follow_curve(self, enough: float, opened: int | None = None) -> None:
-        """The curve of smoothed problems, or one from open contacts by its number, with Newton steps where it has come
-        near a solution, until this many operations have been spent.
-        """
-        curve, near = ConeCurve(self._cones, opened), _NEAR
+    def _proximal_steps(self, X: FloatArray) -> None:
+        """Proximal steps from X."""
+        matrix, c, failed = self._cones.matrix, _FIRST, False
+        operations = matrix.operations + _SHARE * (self._settings.work - matrix.operations)
+        for _ in range(self._settings.proximal):
+            if matrix.operations > operations:
+                break
+            new, tries = self._proximal_step(X, c)
+            if new is None:
+                c, failed = _AFTER_FAILURE * c, True
+                if c > _MOST:
+                    break
+                continue
+            X = new
+            if self._cones.natural_map(X).size <= self._goal.residual:
+                self._judged(X)
+            if tries <= _FEW and not failed:
+                c *= _SMALLER
+            elif tries > _MANY:
+                c *= _LARGER
+            failed = False
+        self._judged(X)
+
+    def _proximal_step(self, centre: FloatArray, c: float) -> tuple[FloatArray | None, int]:
+        """The step from the centre, by Newton's method, and its number of systems; None where it fails."""
+        cones, X = self._cones, centre
+        at = cones.natural_map(X, centre, c)
+        for number in range(_NEWTON):
+            step = cones.proximal_step(at, c)
+            if step is None:
+                return None, number
+            size, alpha, new = np.linalg.norm(at.value), 1.0, cones.natural_map(X + step, centre, c)
+            while not np.linalg.norm(new.value) < (1.0 - 1e-4 * alpha) * size:
+                alpha *= 0.5
+                if alpha < _SHORTEST:
+                    return None, number
+                new = cones.natural_map(X + alpha * step, centre, c)
+            X, at = X + alpha * step, new
+            self._recorded(at.projection.point, new.size, alpha=alpha)
+            if np.linalg.norm(at.value) <= _CLOSE * np.linalg.norm(at.projection.point - centre):
+                return at.projection.point, number + 1
+        return None, _NEWTON
+
+    def _follow_curve(self, number: int) -> None:
+        """A curve of smoothed problems, with Newton steps where it has come near a solution."""
+        curve, near = ConeCurve(self._cones, number), _NEAR
         at = curve.start()
         for _ in range(self._settings.curve):
             at = curve.step(at) if at is not None else None
-            if at is None or self._cones.matrix.operations > enough:
+            if at is None:
                 break
             size = self._cones.natural_map(at.X).size
             self._recorded(at.X, size, ConeStep(at.X, at.Z, at.tau**2, float(np.linalg.norm(at.G)), 0.0, curve.h))
             if size <= near:
                 near = _NEARER * size
                 self._newton(at.X, self._settings.newton // 2)
-        if self._settings.curve:
-            self._newton(self._X, 2 * self._settings.newton, patient=True)
+        if at is None:
+            self._newton(self._X, 2 * self._settings.newton)
 
     def _result(self, status: Status, why: str) -> SolverResult:
         """The best answer, judged afresh."""
@@ -270,10 +324,9 @@ class ConeInteriorPoint(SolverSettings):
         sweeps: Whether Gauss-Seidel sweeps come first, or those that have been made for the problem.
         newton: Nonsmooth Newton steps in a row.
         path: Steps of the interior-point path.
+        proximal: Proximal steps.
         curve: Steps along a curve of smoothed problems.
-        curves: Curves that begin with open contacts.
-        proximal: Proximal term of the nonsmooth Newton matrix, over the mean diagonal of A and the size of the natural
-            map.
+        curves: Their number.
         work: Floating-point operations of all factorisations, and of what takes as long; an estimate.
         systems: Their number.
 
@@ -284,9 +337,9 @@ class ConeInteriorPoint(SolverSettings):
     sweeps: bool | Sweeps = True
     newton: int = within("[1, inf)", 12)
     path: int = within("[1, inf)", 80)
-    curve: int = within("[0, inf)", 1000)
+    proximal: int = within("[0, inf)", 500)
+    curve: int = within("[1, inf)", 1000)
     curves: int = within("[0, inf)", 16)
-    proximal: float = within("(0, inf)", 0.1)
     work: float = within("(0, inf)", 2e11)
     systems: int = within("[1, inf)", 6000)
 

@@ -92,13 +92,16 @@ class NewtonMatrix:
         else:
             self._pattern = BlockPattern(pattern)
 
-    def factorise(self, D: FloatArray, L: FloatArray | None = None) -> bool:
-        """Factorise L W + D, both (m, 3, 3), None is L = 1; whether it is regular, and within the limit of work."""
+    def factorise(self, D: FloatArray, L: FloatArray | None = None, diagonal: float = 0.01) -> bool:
+        """Factorise L W + D, both (m, 3, 3), None is L = 1; whether it is regular, and within the limit of work.
+
+        Sparse factors have the diagonal as pivot down to this size, over the largest entry of the column.
+        """
         if self.operations > self.limit:
             return False
         self.factorisations += 1
         self.operations += _OVERHEAD * self._rows / 3
-        return self._factorise_dense(D, L) if self.dense else self._factorise_sparse(D, L)
+        return self._factorise_dense(D, L) if self.dense else self._factorise_sparse(D, L, diagonal)
 
     def _factorise_dense(self, D: FloatArray, L: FloatArray | None) -> bool:
         M = self._W.copy() if L is None else (L @ self._W.reshape(len(L), 3, -1)).reshape(self._W.shape)
@@ -115,7 +118,7 @@ class NewtonMatrix:
             self._lu = scipy.linalg.lu_factor(M.T, overwrite_a=True, check_finite=False)
         return bool(np.all(np.diagonal(self._lu[0]) != 0.0))
 
-    def _factorise_sparse(self, D: FloatArray, L: FloatArray | None) -> bool:
+    def _factorise_sparse(self, D: FloatArray, L: FloatArray | None, diagonal: float) -> bool:
         pattern = self._pattern
         data, self._r, self._c = pattern.entries(D, L)
         if not np.isfinite(data).all():
@@ -124,7 +127,7 @@ class NewtonMatrix:
         order = "MMD_AT_PLUS_A" if pattern.order is None else "NATURAL"
         try:
             self._lu = scipy.sparse.linalg.splu(
-                matrix, permc_spec=order, diag_pivot_thresh=0.01, options={"SymmetricMode": True}
+                matrix, permc_spec=order, diag_pivot_thresh=diagonal, options={"SymmetricMode": True}
             )
         except RuntimeError:  # exactly singular
             return False

@@ -19,6 +19,7 @@ from ...arrays import FloatArray
 from ...linalg.compliance import MatrixCompliance
 from ..friction_problem import FrictionProblem, Task
 from ..results import SolverResult
+from .cones import Scales
 
 _ALIKE: Final = 10.0
 """Compliances of contacts up to this factor apart need no units of their own."""
@@ -46,7 +47,7 @@ class OwnUnits(NamedTuple):
         return cls(problem, np.repeat(np.exp2(np.round(0.5 * np.log2(problem.mean_diagonal / own))), 3))
 
     def problem(self, tolerance: float) -> FrictionProblem:
-        """The problem in these units; answers have a natural residual within the tolerance in the given ones, too."""
+        """The problem in these units; answers have a residual within the tolerance in the given ones, too."""
         given, D = self.given, self.units
         assert isinstance(given.A, MatrixCompliance)
         matrix = given.A.matrix.duplicate(copy=True)
@@ -58,12 +59,17 @@ class OwnUnits(NamedTuple):
         rigid = given.rigid and replace(given.rigid, G=given.rigid.G * D)
         lower = given.lower if np.ndim(given.lower) == 0 and not given.lower else given.lower / D[::3]
 
+        proportional = given.law.proportional and given.rigid is None and not np.any(given.lower)
+        scales = Scales.of(given) if proportional and given.reductions.comm.size == 1 else None
+
         def accept(y: FloatArray, alpha: FloatArray | None = None) -> bool:
             x, a = D * y, given.mean_diagonal
             if (
                 not given.law.natural_residual(x, given.gradient(x, alpha), a, given.reductions, given.lower)
                 <= tolerance
             ):
+                return False
+            if scales is not None and not scales.of_collection(given, x, given.gradient(x)) <= tolerance:
                 return False
             return given.accept is None or (given.accept(x) if given.rigid is None else given.accept(x, alpha))
 

@@ -1,4 +1,4 @@
-"""The curve of smoothed problems: its derivative, its orientation, and problems that the other methods do not solve."""
+"""Curves of smoothed problems: their derivative, their orientation, and problems that other methods do not solve."""
 
 import numpy as np
 import pytest
@@ -6,8 +6,8 @@ import scipy.linalg
 import scipy.sparse
 from singular_problems import rigid_bodies
 
-from benchmarks.rigid_bodies import capsules, scattered, stack
-from coulomb import NotConverged, Status, solve_coulomb
+from benchmarks.rigid_bodies import scattered, stack
+from coulomb import solve_coulomb
 from coulomb.solvers import FrictionProblem
 from coulomb.solvers.rigid import cone_paths
 from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint
@@ -20,15 +20,6 @@ from coulomb.solvers.rigid.newton_matrix import NewtonMatrix
 def cones(problem):
     friction = FrictionProblem.coulomb(_compliance(problem.W), -problem.q, problem.mu)
     return ConeProblem(friction, friction.A.sparse(), Scales.of(friction))
-
-
-@pytest.mark.parametrize("problem", [stack(10, 2.0, 1203), capsules(4, 4, 0.7, 800)], ids=lambda problem: problem.title)
-def test_problems_on_which_the_path_is_blocked(problem):
-    """The curve turns; without it, and sweeps, the path does not lead to an answer."""
-    result = solve_coulomb(problem.W, -problem.q, problem.mu)
-    assert result.status is Status.CONVERGED and problem.residual(result.x) <= 1e-8
-    with pytest.raises(NotConverged):
-        solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(sweeps=False, curve=0))
 
 
 @pytest.mark.parametrize("seed", [0, 3, 6, 9])
@@ -50,19 +41,6 @@ def test_bodies_that_slide_far_on_rough_contacts(seed):
     bound, size = F * found[:, 0], np.hypot(v[:, 1], v[:, 2])
     assert np.abs(found[:, 0] - np.maximum(v[:, 0], 0.0)).max() <= 1e-7 * np.abs(found).max()
     assert np.abs(found[:, 1:] - v[:, 1:] * np.minimum(1.0, bound / size)[:, None]).max() <= 1e-7 * np.abs(found).max()
-
-
-def test_the_curve_leaves_work_to_curves_from_open_contacts(monkeypatch):
-    """A long curve, with many turns, spends at most half of the work; sweeps and other curves the rest."""
-    problem, begun, make = scattered(30, 120, 2.0, 703), [], ConeCurve.__init__
-    monkeypatch.setattr(ConeCurve, "__init__", lambda self, *given: begun.append(given[1]) or make(self, *given))
-    with pytest.raises(NotConverged, match="Newton steps") as failure:
-        solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(work=4e9))
-    result = failure.value.result
-    assert begun[:2] == [None, 0]
-    friction = FrictionProblem.coulomb(_compliance(problem.W), -problem.q, problem.mu)
-    whole = Scales.of(friction).residual(friction, result.x, friction.gradient(result.x))
-    assert result.residual == pytest.approx(whole, rel=1e-6) and whole >= 0.999 * problem.residual(result.x)
 
 
 @pytest.mark.parametrize("log", [-0.5, -4.0])
@@ -142,7 +120,7 @@ def distance(curve, at):
 
 def test_points_are_near_the_curve_and_its_direction_is_that_of_the_determinant():
     """log tau decreases where the determinant is positive, and increases where it is negative: both are met."""
-    problem = cones(stack(10, 2.0, 1203))
+    problem = cones(scattered(4, 16, 2.0, 2))
     curve, signs = ConeCurve(problem), set()
     at = curve.start()
     while at.tau > 1e-5:

@@ -5,12 +5,15 @@ import pytest
 import scipy.sparse
 
 import coulomb
-from benchmarks.rigid_bodies import TouchPoint, arch, assembled, scattered, stack, tower, walled
+from benchmarks.rigid_bodies import TouchPoint, arch, assembled, capsules, scattered, stack, tower, walled
 from coulomb import NotConverged, Status, solve_coulomb
 from coulomb.solvers import Automatic, RegularisedNewton
+from coulomb.solvers.friction_problem import Task
+from coulomb.solvers.results import Goal
+from coulomb.solvers.rigid import cone_interior_point
 from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint, _ConeRun
 from coulomb.solvers.rigid.cone_paths import ConeCurve
-from coulomb.solvers.rigid.cones import Scales
+from coulomb.solvers.rigid.cones import ConeProblem, Scales
 from coulomb.solvers.rigid.matrix_problems import _compliance
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -127,6 +130,55 @@ def test_start_from_the_answer_takes_no_path():
     assert again.newton_steps == 0 and again.products == 1
 
 
+# --- proximal steps ---
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [stack(10, 2.0, 1203), capsules(4, 4, 0.7, 800), capsules(6, 6, 0.3, 0), scattered(30, 120, 2.0, 3)],
+    ids=lambda problem: problem.title,
+)
+def test_problems_on_which_the_path_is_blocked(problem):
+    """Proximal steps from the path's end, or where forces have grown along it by jamming, from the sweeps'."""
+    result = solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(curves=0))
+    assert result.status is Status.CONVERGED and problem.residual(result.x) <= 1e-8
+    with pytest.raises(NotConverged):
+        solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(proximal=0, curves=0))
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.8])
+def test_a_proximal_step_solves_the_problem_with_a_spring_to_its_centre(friction, monkeypatch):
+    """Z = W X + q + c/rho (X - centre) + |w_t| e in L, X.Z = 0.  Along the normal W = 1, q = -1, rho = 1, and c = 1/2:
+    without friction X - 1 + X/2 = 0."""
+    monkeypatch.setattr(cone_interior_point, "_CLOSE", 1e-12)
+    A, b = np.diag([2.0, 2.0, 2.0]), np.array([2.0, 1.0, 0.5])
+    problem = coulomb.solvers.FrictionProblem.coulomb(_compliance(A), b, np.array([friction]))
+    cones = ConeProblem(problem, problem.A.sparse(), Scales.of(problem))
+    run = _ConeRun(NO_SWEEPS, problem, Task(Goal(1e-8, None), None, None, None))
+    X, systems = run._proximal_step(np.zeros((1, 3)), 0.5)
+    again = run._proximal_step(X, 0.5)[0]
+    assert 1 <= systems <= 8 and again[0, 0] > X[0, 0]
+    w = cones.w(X)
+    Z = w + 0.5 / cones.rho * X
+    Z[:, 0] += np.hypot(w[:, 1], w[:, 2])
+    assert X[0, 0] >= np.hypot(X[0, 1], X[0, 2]) - 1e-9 and Z[0, 0] >= np.hypot(Z[0, 1], Z[0, 2]) - 1e-9
+    assert np.vdot(X, Z) == pytest.approx(0.0, abs=1e-9)
+    if not friction:
+        assert X[0, 0] == pytest.approx(2.0 / 3.0)
+
+
+def test_proximal_steps_leave_work_to_curves(monkeypatch):
+    """No more than three quarters of what is left."""
+    spent, follow = [], _ConeRun._follow_curve
+    monkeypatch.setattr(
+        _ConeRun,
+        "_follow_curve",
+        lambda self, number: spent.append(self._cones.matrix.operations) or follow(self, number),
+    )
+    refused(scattered(30, 120, 2.0, 703), work=4e9)
+    assert 2.8e9 < spent[0] < 3.4e9 and len(spent) >= 1
+
+
 # --- the run: lengths of its steps, its best answer, and how much each part may do ---
 
 
@@ -149,7 +201,7 @@ def test_the_answer_of_a_refusal_is_the_best_one(monkeypatch):
     monkeypatch.setattr(
         _ConeRun, "_follow_curve", lambda self, _: seen.extend(map(self._judged, (self._X, 10 * self._X)))
     )
-    result = refused(stack(8, 1.0, 2), newton=1, path=4, curve=0, curves=0)
+    result = refused(stack(8, 1.0, 2), newton=1, path=4, proximal=0, curves=1)
     assert result.status is Status.STAGNATED and seen[0] < seen[1]
     assert result.residual <= seen[0] * (1.0 + 1e-9)
 
@@ -157,7 +209,7 @@ def test_the_answer_of_a_refusal_is_the_best_one(monkeypatch):
 def test_a_result_is_judged_by_the_measure_of_the_collection(monkeypatch):
     monkeypatch.setattr(Scales, "residual", lambda *_: 0.5)
     problem = stack(3, 0.5, 1)
-    for solver in (ConeInteriorPoint(sweeps=False, curve=0, curves=0), RegularisedNewton(systems=50)):
+    for solver in (ConeInteriorPoint(sweeps=False, proximal=9, curves=0), RegularisedNewton(systems=50)):
         with pytest.raises(NotConverged) as failure:
             solved(problem, solver)
         assert failure.value.result.residual == 0.5
@@ -166,5 +218,5 @@ def test_a_result_is_judged_by_the_measure_of_the_collection(monkeypatch):
 def test_the_curve_has_at_most_the_steps_of_the_setting(monkeypatch):
     steps, step = [], ConeCurve.step
     monkeypatch.setattr(ConeCurve, "step", lambda self, at: steps.append(self) or step(self, at))
-    refused(stack(8, 1.0, 2), newton=1, path=1, curve=3, curves=0)
+    refused(stack(8, 1.0, 2), newton=1, path=1, proximal=0, curve=3, curves=1)
     assert len(steps) == 3
