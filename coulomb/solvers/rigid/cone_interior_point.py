@@ -1,6 +1,6 @@
 """Coulomb friction where A is a matrix without full rank: stacks of rigid bodies, redundant contacts, large friction.
 
-Sweeps of Gauss-Seidel's method first, as many as promise to be quicker than what follows (gauss_seidel.py).  Then four
+Sweeps of Gauss-Seidel's method first, as many as promise to be quicker than what follows (gauss_seidel.py).  Then five
 methods in turn, on the same Newton matrices W + nodal blocks (newton_matrix.py), in the variables of
 cones.py:
 
@@ -9,26 +9,26 @@ cones.py:
 2. the interior-point path (cone_paths.py) until the natural map is small, then nonsmooth Newton steps from there: they
    end in a solution to rounding accuracy, also where forces are not unique or contacts are at the edge between two
    states, where the path alone would come no nearer than the square root of rounding errors;
-3. where the path ends elsewhere: proximal steps (R. T. Rockafellar, SIAM Journal on Control and Optimization 14, 1976)
-   from its end or from the sweeps', whichever is nearer a solution:
+3. proximal steps from the path's end (R. T. Rockafellar, SIAM Journal on Control and Optimization 14, 1976),
 
        X_new = P(X - rho/c (w + |w_t| e)),   w = W X_new + q,
 
    each by Newton's method, whose matrix is 1 + rho/c G E W: regular for large c whatever the rank of W, and forces that
    W leaves undetermined stay where they were.  c decreases where few Newton steps are enough, and increases where they
-   fail.
-
-4. curves of smoothed problems (cone_paths.py) that begin with open contacts, each with other gaps, and Newton steps as
-   after the path: where bodies jam at large friction.
+   fail;
+4. where these are many: the curve of smoothed problems (cone_paths.py), with Newton steps as after the path; it turns
+   where the path is blocked.  Then more proximal steps, from where they were or from the sweeps' forces, whichever is
+   nearer a solution;
+5. curves that begin with open contacts, each with other gaps: where bodies jam at large friction.
 
 Without friction proximal steps converge; with it, they are the implicit Euler method of a flow that may wander before
-it comes to rest, or for ever.  A curve has a solution at its end, in general position and if forces stay bounded; its
+it comes to rest, or for ever.  The curve has a solution at its end, in general position and if forces stay bounded; its
 length is not known.  CONVERGED means that the natural residual, computed afresh, is below the tolerance, and the
 collection's own as well (cones.cone_residual).
 
 Work is limited by counts, not by time, so that a result can be repeated: floating-point operations of the
-factorisations with an estimate for the rest, and their number.  Proximal steps spend at most three quarters of what is
-left when they begin.
+factorisations with an estimate for the rest, and their number.  Of what is left when they begin the first curve spends
+at most an eighth, proximal steps three quarters.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ _FIRST, _MOST = 0.1, 10.0  # c of the first proximal step, and beyond which they
 _NEWTON: Final = 12  # Newton steps of a proximal step after which it has failed, ...
 _FEW, _MANY = 4, 8  # ... up to which the next one has a smaller c, and beyond which a larger one
 _SMALLER, _LARGER, _AFTER_FAILURE = 0.3, 1.5, 4.0  # by these factors
-_SHARE: Final = 0.75  # of the work that is left, for all of them
+_OF_CURVE, _OF_STEPS = 0.125, 0.75  # of the work that is left, for the first curve and for proximal steps
 _CLOSE: Final = 1e-2  # what a proximal step may leave over, over its length
 
 
@@ -145,9 +145,11 @@ class _ConeRun:
             if why:
                 status = Status.NO_EQUILIBRIUM
             else:
-                self._proximal_steps(min(begun, ended, key=self._distance))
+                self._follow_curve(self._share(_OF_CURVE))
+                nearer = min(begun, ended, key=self._distance)
+                self._proximal_steps(nearer, self._settings.proximal, self._share(_OF_STEPS))
                 for number in range(self._settings.curves):
-                    self._follow_curve(number)
+                    self._follow_curve(self._settings.work, number)
         except _Ended as end:
             status = end.status
         if self._best[0] == math.inf:  # it ended before any point was judged
@@ -156,6 +158,11 @@ class _ConeRun:
             except _Ended as end:
                 status = end.status
         return self._result(status, why)
+
+    def _share(self, part: float) -> float:
+        """Operations after which this part of what is left now has been spent."""
+        spent = self._cones.matrix.operations
+        return spent + part * (self._settings.work - spent)
 
     def _distance(self, X: FloatArray) -> float:
         """The natural map of X times its size: where bodies jam, forces that move nothing grow along the path."""
@@ -217,7 +224,9 @@ class _ConeRun:
         return X
 
     def _follow_path(self) -> FloatArray:
-        """The interior-point path, with Newton steps where it has come near a solution; its last X."""
+        """The interior-point path, with Newton steps where it has come near a solution; proximal steps from its end, and
+        their last X.
+        """
         path = ConePath(self._cones)
         at: ConeStep | None = path.start()
         near, best, best_at, last = _NEAR, math.inf, 0, self._X
@@ -234,15 +243,13 @@ class _ConeRun:
                 best, best_at = at.theta + at.infeasibility, number
             if number - best_at > _STALLED:
                 break
-        self._judged(last)
-        return last
+        return self._proximal_steps(last, min(2 * self._settings.newton, self._settings.proximal), self._settings.work)
 
-    def _proximal_steps(self, X: FloatArray) -> None:
-        """Proximal steps from X."""
-        matrix, c, failed = self._cones.matrix, _FIRST, False
-        operations = matrix.operations + _SHARE * (self._settings.work - matrix.operations)
-        for _ in range(self._settings.proximal):
-            if matrix.operations > operations:
+    def _proximal_steps(self, X: FloatArray, limit: int, enough: float) -> FloatArray:
+        """Proximal steps from X, until this many operations have been spent; the last X."""
+        c, failed = _FIRST, False
+        for _ in range(limit):
+            if self._cones.matrix.operations > enough:
                 break
             new, tries = self._proximal_step(X, c)
             if new is None:
@@ -259,6 +266,7 @@ class _ConeRun:
                 c *= _LARGER
             failed = False
         self._judged(X)
+        return X
 
     def _proximal_step(self, centre: FloatArray, c: float) -> tuple[FloatArray | None, int]:
         """The step from the centre, by Newton's method, and its number of systems; None where it fails."""
@@ -280,20 +288,22 @@ class _ConeRun:
                 return at.projection.point, number + 1
         return None, _NEWTON
 
-    def _follow_curve(self, number: int) -> None:
-        """A curve of smoothed problems, with Newton steps where it has come near a solution."""
-        curve, near = ConeCurve(self._cones, number), _NEAR
+    def _follow_curve(self, enough: float, opened: int | None = None) -> None:
+        """The curve of smoothed problems, or one from open contacts by its number, with Newton steps where it has come
+        near a solution and at its end, until this many operations have been spent.
+        """
+        curve, near = ConeCurve(self._cones, opened), _NEAR
         at = curve.start()
         for _ in range(self._settings.curve):
             at = curve.step(at) if at is not None else None
-            if at is None:
+            if at is None or self._cones.matrix.operations > enough:
                 break
             size = self._cones.natural_map(at.X).size
             self._recorded(at.X, size, ConeStep(at.X, at.Z, at.tau**2, float(np.linalg.norm(at.G)), 0.0, curve.h))
             if size <= near:
                 near = _NEARER * size
                 self._newton(at.X, self._settings.newton // 2)
-        if at is None:
+        if self._settings.curve:
             self._newton(self._X, 2 * self._settings.newton)
 
     def _result(self, status: Status, why: str) -> SolverResult:
@@ -324,9 +334,9 @@ class ConeInteriorPoint(SolverSettings):
         sweeps: Whether Gauss-Seidel sweeps come first, or those that have been made for the problem.
         newton: Nonsmooth Newton steps in a row.
         path: Steps of the interior-point path.
-        proximal: Proximal steps.
         curve: Steps along a curve of smoothed problems.
-        curves: Their number.
+        proximal: Proximal steps.
+        curves: Curves that begin with open contacts.
         work: Floating-point operations of all factorisations, and of what takes as long; an estimate.
         systems: Their number.
 
@@ -337,10 +347,10 @@ class ConeInteriorPoint(SolverSettings):
     sweeps: bool | Sweeps = True
     newton: int = within("[1, inf)", 12)
     path: int = within("[1, inf)", 80)
+    curve: int = within("[0, inf)", 300)
     proximal: int = within("[0, inf)", 500)
-    curve: int = within("[1, inf)", 1000)
     curves: int = within("[0, inf)", 16)
-    work: float = within("(0, inf)", 2e11)
+    work: float = within("(0, inf)", 3e11)
     systems: int = within("[1, inf)", 6000)
 
     name = "cone interior point"

@@ -1,4 +1,29 @@
-"""The interior-point path:
+"""The curve of smoothed problems, for problems of rigid bodies on which the interior-point path is blocked.
+
+    Z = W X + q + (eta |Z_t|_tau + tau) e,   X o Z = tau^2 e / rho,   |z|_tau = sqrt(|z|^2 + tau^2) - tau,
+    eta = max(0, 1 - tau),   tau from 1 to 0
+
+For every tau > 0 this has a solution wherever X in L, W X + q in L^* has one (V. Acary, F. Cadoux, C. Lemarechal, J.
+Malick, ZAMM 91, 2011: their fixed point of the slip by Brouwer's theorem, here with the barrier of the cones), and at
+tau = 1, where eta = 0, it is a convex problem with one solution.  So, generically, the solutions form a curve from
+there to tau = 0, with the forces at its end or with forces that grow without bound.  Friction makes it turn: tau may
+increase again for a part of it, and there Newton's method at a given, smaller tau is blocked.  Here tau is one of the
+unknowns, and the curve is followed in predictor and corrector steps (E. L. Allgower, K. Georg: Introduction to
+Numerical Continuation Methods, 2003): tau decreases where the determinant of the Newton matrix is positive, and
+increases where it is negative.  That needs no knowledge of the last direction, so that a step to another part of the
+curve does no harm.
+
+X and Z are functions of one unknown V = X - rho Z: with its eigenvalues l in the algebra of the cone, those of X are
+(l + r)/2, r = sqrt(l^2 + 4 tau^2), those of rho Z (r - l)/2.  Lengths are measured in V/r, and across the root of both
+r: the size of a step relative to where a contact changes its state, or turns so far that it does.
+
+Where bodies slide far on contacts of large friction no W X + q is in L^* with room to spare: there is no start at
+tau = 1, or forces grow along the curve.  A curve from open contacts has tau (g + k X) in place of tau e, gaps g decades
+apart and springs k of the contacts' own compliance: for every tau > 0 it has a solution (W + tau k is definite), and
+at tau = 1 hardly any force.  Each g gives another curve, and some of them lead to a solution; not proved: that one
+does.
+
+Before it, the interior-point path of the same problem:
 
     Z = W X + q + |Z_t| e, X o Z = theta e, X and Z inside L (cones.py), theta to 0
 
@@ -13,26 +38,6 @@ is small only along forces that W leaves undetermined.  Steps have Mehrotra's pr
 linearisation may be blocked.  After such a step the next ones keep |Z_t| (E = 1), a step of the convex problem with
 given slip (V. Acary, F. Cadoux, C. Lemarechal, J. Malick: A formulation of the linear discrete Coulomb friction problem
 via convex optimization, ZAMM 91, 2011); Z stays inside L, and |Z_t| is updated after each step.
-
-Curves of smoothed problems, for problems of rigid bodies that neither the path nor proximal steps solve:
-
-    Z = W X + q + eta |Z_t|_tau e + tau (g e + k X),   X o Z = tau^2 e / rho,   |z|_tau = sqrt(|z|^2 + tau^2) - tau,
-    eta = max(0, 1 - tau),   tau from 1 to 0
-
-with gaps g decades apart, and springs k of the contacts' own compliance. For every tau > 0 this has a solution: W + tau
-k is definite (V. Acary, F. Cadoux, C. Lemarechal, J. Malick, ZAMM 91, 2011: their fixed point of the slip by Brouwer's
-theorem, here with the barrier of the cones), and at tau = 1, where eta = 0, it is a convex problem with one solution
-and hardly any force. So, generically, the solutions form a curve from there to tau = 0, with the forces at its end or
-with forces that grow without bound. Friction makes it turn: tau may increase again for a part of it, and there Newton's
-method at a given, smaller tau is blocked. Here tau is one of the unknowns, and the curve is followed in predictor and
-corrector steps (E. L. Allgower, K. Georg: Introduction to Numerical Continuation Methods, 2003): tau decreases where
-the determinant of the Newton matrix is positive, and increases where it is negative. That needs no knowledge of the
-last direction, so that a step to another part of the curve does no harm. Each g gives another curve, and some of them
-lead to a solution; not proved: that one does.
-
-X and Z are functions of one unknown V = X - rho Z: with its eigenvalues l in the algebra of the cone, those of X are
-(l + r)/2, r = sqrt(l^2 + 4 tau^2), those of rho Z (r - l)/2.  Lengths are measured in V/r, and across the root of both
-r: the size of a step relative to where a contact changes its state, or turns so far that it does.
 """
 
 from __future__ import annotations
@@ -248,18 +253,20 @@ class _Directions(NamedTuple):
 
 
 class ConeCurve:
-    """A curve, step by step; its number gives its gaps.
+    """The curve, step by step; `opened` is the number of one from open contacts, None for gaps of 1 without springs.
 
     Attributes:
         rejected: Steps that were too long.
         h: Length of the next step.
     """
 
-    def __init__(self, problem: ConeProblem, number: int = 0):
-        self._problem, self.h = problem, _FIRST
-        apart = 10.0 ** np.random.default_rng(number).uniform(*_APART, problem.contacts)
-        self._gaps: FloatArray = apart * float(np.abs(problem.q).max())
-        self._soft: FloatArray = 1.0 / problem.rho
+    def __init__(self, problem: ConeProblem, opened: int | None = None):
+        self._problem, self.h, m = problem, _FIRST, problem.contacts
+        self._gaps: FloatArray = np.ones(m)
+        self._soft: FloatArray = np.zeros((m, 1))
+        if opened is not None:
+            apart = 10.0 ** np.random.default_rng(opened).uniform(*_APART, m)
+            self._gaps, self._soft = apart * float(np.abs(problem.q).max()), 1.0 / problem.rho
         self._rho: FloatArray = _WEIGHT * problem.rho
         self.rejected = 0
 

@@ -1,4 +1,4 @@
-"""Curves of smoothed problems: their derivative, their orientation, and problems that other methods do not solve."""
+"""The curve of smoothed problems: its derivative, its orientation, and problems that the other methods do not solve."""
 
 import numpy as np
 import pytest
@@ -6,11 +6,11 @@ import scipy.linalg
 import scipy.sparse
 from singular_problems import rigid_bodies
 
-from benchmarks.rigid_bodies import scattered, stack
-from coulomb import solve_coulomb
+from benchmarks.rigid_bodies import capsules, scattered, stack
+from coulomb import NotConverged, Status, solve_coulomb
 from coulomb.solvers import FrictionProblem
 from coulomb.solvers.rigid import cone_paths
-from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint
+from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint, _ConeRun
 from coulomb.solvers.rigid.cone_paths import ConeCurve, CurvePoint
 from coulomb.solvers.rigid.cones import ConeProblem, Scales, product
 from coulomb.solvers.rigid.matrix_problems import _compliance
@@ -20,6 +20,15 @@ from coulomb.solvers.rigid.newton_matrix import NewtonMatrix
 def cones(problem):
     friction = FrictionProblem.coulomb(_compliance(problem.W), -problem.q, problem.mu)
     return ConeProblem(friction, friction.A.sparse(), Scales.of(friction))
+
+
+@pytest.mark.parametrize("problem", [stack(10, 2.0, 1203), capsules(4, 4, 0.7, 800)], ids=lambda problem: problem.title)
+def test_problems_on_which_the_path_is_blocked(problem):
+    """The curve turns; without it, and sweeps, the path does not lead to an answer."""
+    result = solve_coulomb(problem.W, -problem.q, problem.mu)
+    assert result.status is Status.CONVERGED and problem.residual(result.x) <= 1e-8
+    with pytest.raises(NotConverged):
+        solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(sweeps=False, curve=0, proximal=0, curves=0))
 
 
 @pytest.mark.parametrize("seed", [0, 3, 6, 9])
@@ -41,6 +50,27 @@ def test_bodies_that_slide_far_on_rough_contacts(seed):
     bound, size = F * found[:, 0], np.hypot(v[:, 1], v[:, 2])
     assert np.abs(found[:, 0] - np.maximum(v[:, 0], 0.0)).max() <= 1e-7 * np.abs(found).max()
     assert np.abs(found[:, 1:] - v[:, 1:] * np.minimum(1.0, bound / size)[:, None]).max() <= 1e-7 * np.abs(found).max()
+
+
+def test_the_first_curve_leaves_work_to_others(monkeypatch):
+    """Of what is left it spends an eighth at most, proximal steps three quarters, other curves the rest."""
+    problem, begun, follow = scattered(30, 120, 2.0, 803), [], _ConeRun._follow_curve
+
+    def followed(run, enough, opened=None):
+        begun.append((opened, run._cones.matrix.operations))
+        follow(run, enough, opened)
+
+    monkeypatch.setattr(_ConeRun, "_follow_curve", followed)
+    with pytest.raises(NotConverged, match="Newton steps") as failure:
+        solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(work=4e9))
+    result = failure.value.result
+    (first, path), (second, steps) = begun[:2]
+    assert (first, second) == (None, 0)
+    left = 4e9 - path
+    assert path + 0.6 * left < steps < path + left * (1.0 / 8.0 + 0.75 * 7.0 / 8.0) + 1e8
+    friction = FrictionProblem.coulomb(_compliance(problem.W), -problem.q, problem.mu)
+    whole = Scales.of(friction).residual(friction, result.x, friction.gradient(result.x))
+    assert result.residual == pytest.approx(whole, rel=1e-6) and whole >= 0.999 * problem.residual(result.x)
 
 
 @pytest.mark.parametrize("log", [-0.5, -4.0])
@@ -120,7 +150,7 @@ def distance(curve, at):
 
 def test_points_are_near_the_curve_and_its_direction_is_that_of_the_determinant():
     """log tau decreases where the determinant is positive, and increases where it is negative: both are met."""
-    problem = cones(scattered(4, 16, 2.0, 2))
+    problem = cones(stack(10, 2.0, 1203))
     curve, signs = ConeCurve(problem), set()
     at = curve.start()
     while at.tau > 1e-5:

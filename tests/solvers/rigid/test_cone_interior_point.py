@@ -135,15 +135,15 @@ def test_start_from_the_answer_takes_no_path():
 
 @pytest.mark.parametrize(
     "problem",
-    [stack(10, 2.0, 1203), capsules(4, 4, 0.7, 800), capsules(6, 6, 0.3, 0), scattered(30, 120, 2.0, 3)],
+    [capsules(4, 4, 0.7, 800), capsules(6, 6, 0.3, 0), scattered(30, 120, 2.0, 3)],
     ids=lambda problem: problem.title,
 )
 def test_problems_on_which_the_path_is_blocked(problem):
     """Proximal steps from the path's end, or where forces have grown along it by jamming, from the sweeps'."""
-    result = solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(curves=0))
+    result = solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(curve=0, curves=0))
     assert result.status is Status.CONVERGED and problem.residual(result.x) <= 1e-8
     with pytest.raises(NotConverged):
-        solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(proximal=0, curves=0))
+        solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(curve=0, proximal=0, curves=0))
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.8])
@@ -167,18 +167,6 @@ def test_a_proximal_step_solves_the_problem_with_a_spring_to_its_centre(friction
         assert X[0, 0] == pytest.approx(2.0 / 3.0)
 
 
-def test_proximal_steps_leave_work_to_curves(monkeypatch):
-    """No more than three quarters of what is left."""
-    spent, follow = [], _ConeRun._follow_curve
-    monkeypatch.setattr(
-        _ConeRun,
-        "_follow_curve",
-        lambda self, number: spent.append(self._cones.matrix.operations) or follow(self, number),
-    )
-    refused(scattered(30, 120, 2.0, 703), work=4e9)
-    assert 2.8e9 < spent[0] < 3.4e9 and len(spent) >= 1
-
-
 # --- the run: lengths of its steps, its best answer, and how much each part may do ---
 
 
@@ -199,9 +187,9 @@ def test_the_answer_of_a_refusal_is_the_best_one(monkeypatch):
     """Of the path's last point, and of ten times its forces."""
     seen = []
     monkeypatch.setattr(
-        _ConeRun, "_follow_curve", lambda self, _: seen.extend(map(self._judged, (self._X, 10 * self._X)))
+        _ConeRun, "_follow_curve", lambda self, *_: seen.extend(map(self._judged, (self._X, 10 * self._X)))
     )
-    result = refused(stack(8, 1.0, 2), newton=1, path=4, proximal=0, curves=1)
+    result = refused(stack(8, 1.0, 2), newton=1, path=4, proximal=0, curves=0)
     assert result.status is Status.STAGNATED and seen[0] < seen[1]
     assert result.residual <= seen[0] * (1.0 + 1e-9)
 
@@ -209,7 +197,7 @@ def test_the_answer_of_a_refusal_is_the_best_one(monkeypatch):
 def test_a_result_is_judged_by_the_measure_of_the_collection(monkeypatch):
     monkeypatch.setattr(Scales, "residual", lambda *_: 0.5)
     problem = stack(3, 0.5, 1)
-    for solver in (ConeInteriorPoint(sweeps=False, proximal=9, curves=0), RegularisedNewton(systems=50)):
+    for solver in (ConeInteriorPoint(sweeps=False, curve=9, proximal=9, curves=0), RegularisedNewton(systems=50)):
         with pytest.raises(NotConverged) as failure:
             solved(problem, solver)
         assert failure.value.result.residual == 0.5
@@ -218,5 +206,5 @@ def test_a_result_is_judged_by_the_measure_of_the_collection(monkeypatch):
 def test_the_curve_has_at_most_the_steps_of_the_setting(monkeypatch):
     steps, step = [], ConeCurve.step
     monkeypatch.setattr(ConeCurve, "step", lambda self, at: steps.append(self) or step(self, at))
-    refused(stack(8, 1.0, 2), newton=1, path=1, proximal=0, curve=3, curves=1)
+    refused(stack(8, 1.0, 2), newton=1, path=1, proximal=0, curve=3, curves=0)
     assert len(steps) == 3

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from coulomb import Status, solve_coulomb, solve_tresca
-from coulomb.solvers import ConeInteriorPoint
+from coulomb.solvers import ConeInteriorPoint, FrictionProblem
+from coulomb.solvers.rigid.matrix_problems import _compliance
+from coulomb.solvers.rigid.own_units import OwnUnits
 
 
 def far_apart(seed):
@@ -103,6 +105,29 @@ def test_friction_beyond_its_bound_in_the_given_units():
     result = solve_coulomb(A, b, F)
     assert result.status is Status.CONVERGED
     assert worst(A, b, result.x, F * np.maximum(result.x[::3], 0.0)) <= 3e-8
+
+
+def test_forces_that_move_nothing_hide_no_error_from_the_given_units():
+    """A body between walls that penetrate by 1e-2, pressed with 1e6: small beside the forces, but not by the
+    collection's measure.  Of scattered(30, 120, 2.0, 703) such an answer was taken at 1.5e-8."""
+    n = np.array([1.0, 0.0, 0.0, -1.0, 0.0, 0.0])
+    A = np.zeros((9, 9))
+    A[:6, :6] = np.outer(n, n) + np.diag([0.0, 1.0, 1.0, 0.0, 1.0, 1.0])
+    A[6:, 6:] = 100.0 * np.eye(3)
+    b = np.array([1e-2, 0.0, 0.0, 1e-2, 0.0, 0.0, 0.0, 0.0, 0.0])
+    problem = FrictionProblem.coulomb(_compliance(A), b, np.full(3, 0.5))
+    own = OwnUnits.of(problem)
+    pressed = 1e6 * np.array([1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert (
+        problem.law.natural_residual(pressed, problem.gradient(pressed), problem.mean_diagonal, problem.reductions)
+        < 1e-6
+    )
+    assert not own.problem(1e-2).accept(pressed / own.units)
+    b[3] = -1e-2  # the body goes along
+    problem = FrictionProblem.coulomb(_compliance(A), b, np.full(3, 0.5))
+    own = OwnUnits.of(problem)
+    answer = np.array([1e-2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert own.problem(1e-2).accept(answer / own.units)
 
 
 @pytest.mark.parametrize("seed", [95, 338, 370])
