@@ -224,8 +224,8 @@ class _ConeRun:
         return X
 
     def _follow_path(self) -> FloatArray:
-        """The interior-point path, with Newton steps where it has come near a solution; proximal steps from its end, and
-        their last X.
+        """The interior-point path, with Newton steps where it has come near a solution, and proximal steps from its
+        end; their last X.
         """
         path = ConePath(self._cones)
         at: ConeStep | None = path.start()
