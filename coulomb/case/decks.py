@@ -21,7 +21,6 @@ def read_deck(path: str | Path, ignore: Sequence[str] = (), large: bool = False)
     """What an input file of CalculiX or Abaqus is as a case; rank 0 reads.
 
     Args:
-        path: The file.
         ignore: The cards that are left out, by keyword.
         large: For large motions, in load steps.
 

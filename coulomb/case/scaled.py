@@ -42,7 +42,6 @@ def scaled(case: Case, name: str, factor: float) -> Case:
     """The case with an input times a factor.
 
     Args:
-        case: The case.
         name: Of the input, as `model.sensitivity.Sensitivity.name`: "friction of 'bottom'", "young of 'upper'".
         factor: By which it is multiplied.
 

@@ -41,8 +41,6 @@ class Card:
     Attributes:
         keyword: In upper case, with single blanks, without the star.
         parameters: Values as they are written, without quotation marks; "" for one without a value.
-        file: The file of the keyword line.
-        line: Its number.
         data: The text below it, in pieces: the file, the number of the first line, and the lines.
     """
 

@@ -33,9 +33,6 @@ _Terms = dict[Dof, float]
 class Equations:
     """The equations of a deck; of each the first displacement is eliminated.
 
-    Args:
-        reading: The deck.
-
     Attributes:
         references: Numbers of the reference nodes in them.
     """

@@ -101,7 +101,6 @@ class Row:
 
     Attributes:
         keyword: As in the deck.
-        count: Of them.
         fate: USED, NOT_NEEDED or REFUSED.
         why: In words; with file and line where it is refused.
     """

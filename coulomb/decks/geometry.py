@@ -85,7 +85,6 @@ class Geometry:
     """Nodes, elements, sets and surfaces of a deck.
 
     Attributes:
-        path: The file.
         cards: All cards, in their order.
         others: Those that say nothing of the geometry.
         elements: By type in upper case: rows of the number of an element and those of its nodes.

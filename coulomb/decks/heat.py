@@ -25,7 +25,6 @@ class Heat:
     """What heats and cools the bodies of a deck whose steps conduct heat.
 
     Args:
-        reading: The deck.
         initial: The temperature of all nodes at the start, which is that of the unstrained bodies.
     """
 

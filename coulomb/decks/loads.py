@@ -29,11 +29,7 @@ _NUMBERS: Final = {"GRAV": 3, "CENTRIF": 6, "BX": 0, "BY": 0, "BZ": 0}
 
 
 class Loads:
-    """The loads of a deck.
-
-    Args:
-        reading: The deck.
-    """
+    """The loads of a deck."""
 
     def __init__(self, reading: Reading):
         self._of = reading

@@ -23,7 +23,6 @@ def named_sides(
     """Of the elements that a line of a surface names, of each number of nodes that there is.
 
     Args:
-        deck: The geometry.
         rows: Elements as `Geometry.solids` has them.
         what: The number of one, of several, or a set; None for all.
         side: S1, S2, ...; "" for all sides.
@@ -69,10 +68,6 @@ def corners_of_sides(
 def facets_with_nodes(deck: Geometry, name: str) -> IntArray | None:
     """The facets with a node of a surface of nodes that face its master, where not every node is on a facet of them
     alone, as for a single node.
-
-    Args:
-        deck: The geometry.
-        name: The surface.
 
     Returns:
         Places of the corners among `deck.points`, shape (f, 4), the last one twice of triangles; None if the nodes make

@@ -18,10 +18,7 @@ class Reading:
     """A deck that is being read.
 
     Attributes:
-        deck: Its geometry.
         model: The cards outside of steps that say nothing of the geometry.
-        steps: The steps.
-        large: Whether motions are large.
         notes: What a user should know, a sentence each.
         open: Whether there is a pair that may open or slide; else a load history ends with that of a tie.
         pairs: The table of each contact pair, if it has one, and those of its ties; None until they are read.

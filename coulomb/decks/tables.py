@@ -61,7 +61,6 @@ def translate(path: str, ignore: Iterable[str] = (), large: bool = False) -> Tra
     """Read a deck as tables of a case.
 
     Args:
-        path: The input file.
         ignore: Keywords that are left out although coulomb cannot follow them.
         large: For large motions, in load steps.
 

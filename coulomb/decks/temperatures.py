@@ -44,9 +44,6 @@ class _Course:
 class Temperatures:
     """What the cards of a deck give to the nodes of its solid elements.
 
-    Args:
-        reading: The deck.
-
     Attributes:
         nodes: Their numbers, ascending.
     """

@@ -25,7 +25,6 @@ class UflValues:
     """A fem.Constant, fem.Function, fem.Expression, or expression of UFL, evaluated on this rank; made collectively.
 
     Attributes:
-        size: Number of its components.
         constant: Its value, shape `ufl_shape`, where it does not depend on place; else None.
 
     Raises:

@@ -26,7 +26,6 @@ def accuracy(
 
     Args:
         summary: The summary of a single run, or of the last step of a load history; what it lacks counts as 0.
-        tolerance: Of the solver.
         history: The entry `history` of the summary of a load history, for the largest values of all steps.
         forces: Forces in newtons at other steps.
     """

@@ -274,7 +274,6 @@ def even_contact(problem: DiscreteProblem, nodes: Mapping[str, int]) -> bool:
     before may have left borders behind.
 
     Args:
-        problem: The problem of the answer.
         nodes: Its numbers of contact points "contact", "open", "stick" and "slip".
     """
     if problem.before is not None or max(nodes["open"], nodes["stick"], nodes["slip"]) < nodes["contact"]:

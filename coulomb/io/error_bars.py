@@ -182,7 +182,6 @@ def error_of(
     """The error bars of an answer; collective, the same on every rank.
 
     Args:
-        solution: The answer.
         others: Answers of the same problem on other meshes.  By default the problem is solved again: on two coarser
             meshes where they can be made (of boxes, and of large first-order meshes), else on the same cells with
             elements of the other order.
@@ -258,9 +257,6 @@ class ComparisonHistories:
     """The load history of a problem on the meshes for comparison, taken beside it, step by step.
 
     Args:
-        problem: The problem.
-        history: Its load steps.
-        tolerance: Of the solver.
         progress: Called after every step of a solver.
 
     Raises:
@@ -320,7 +316,6 @@ def bars_of(answers: Sequence[Answer], unknown: float = 0.0) -> ErrorBars:
     """The error bars of the first of several answers of the same problem.
 
     Args:
-        answers: The answers.
         unknown: Volume by which the surface on which the finest meshes have their nodes may be wrong, over that of the
             body.
 

@@ -155,7 +155,6 @@ def write_fclib(path: str | Path, problem: FCLIBProblem, r: FloatArray | None = 
 
     Args:
         path: File to write; replaced if it exists.
-        problem: The problem.
         r: Contact forces of a solution, shape (3 m,).
 
     Raises:

@@ -60,11 +60,9 @@ def write_frd(
     """Write a file.
 
     Args:
-        path: The file.
         numbers: Of the nodes, shape (k,).
         points: Where they are, shape (k, 3).
         blocks: Cells by their nodes in VTK's order, shape (c, 4, 8, 10 or 27); of 27 nodes the first 20 are written.
-        steps: The results.
         flat: Whether cells of 4 and 8 nodes are quadrilaterals.
     """
     used = np.zeros(len(points), dtype=bool)

@@ -56,7 +56,6 @@ class GridFields:
     """A mesh with fields on it.
 
     Attributes:
-        grid: This rank's part of the mesh.
         on_points: By name, at the points of this rank, shapes (p,) or (p, 3).
         on_cells: By name, in the cells of this rank, shapes (c,) or (c, 3).
         name: Of a body or a contact face; empty for the only grid of a file.

@@ -51,7 +51,6 @@ def write(
     complete.
 
     Args:
-        solution: The answer, converged or not.
         directory: Created if necessary.
         extra: Additional entries for summary.json.
         case: Contents of case.json; empty without one.

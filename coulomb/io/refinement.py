@@ -39,7 +39,6 @@ class Refined:
     """An answer on a mesh that was refined for it.
 
     Attributes:
-        solution: The answer on the last mesh.
         bars: Its error bars, by the meshes before; None if there are no others.
         largest: The largest error bar of the totals asked for, over the total; inf without bars.
         trouble: Why it is not as small as was asked for; empty if it is.
@@ -70,8 +69,6 @@ def refine(
         totals: Places of the totals in summary.json; by default the force on every contact face, the strain energy and
             the largest displacement.
         unknowns: Displacement unknowns that no finer mesh may exceed.
-        tolerance: Of the solver.
-        solver: As of `ContactProblem.solve`.
         progress: Called after every step of a solver.
         said: Called on every mesh with the answer on it, and the error of the stress over the stress in the energy norm
             (Zienkiewicz and Zhu).

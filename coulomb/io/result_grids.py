@@ -109,7 +109,6 @@ class FaceGrid:
     """This rank's facets of contact faces of a body, with the nodes on them.
 
     Attributes:
-        grid: The mesh.
         node: The numbers of its points among those of `body_grid`, shape (p,).
     """
 

@@ -66,11 +66,7 @@ class _File:
 
 @dataclass(frozen=True)
 class RunDirectory:
-    """The directory of a run, of a load history, or of one of its load steps.
-
-    Attributes:
-        path: Its path.
-    """
+    """The directory of a run, of a load history, or of one of its load steps."""
 
     path: Path
 

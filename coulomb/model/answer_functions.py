@@ -23,7 +23,6 @@ class AnswerFunctions:
     """Displacement and fields of contact as Functions, one object for each, made when first asked for.
 
     Args:
-        problem: The problem.
         u: The displacement, metres, shape (k, 3).
         fields: Gives the fields of contact; collective.
     """

@@ -58,7 +58,6 @@ class Evidence:
     which then counts as tensile.
 
     Attributes:
-        comm: The ranks.
         x: Coordinates, shape (k, 3).
         displacement: Shape (k, 3).
         internal: Nodal forces of its stress, assembled anew, shape (k, 3).

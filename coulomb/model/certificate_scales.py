@@ -53,7 +53,6 @@ def rounding_of_gaps(gap: FloatArray, way: FloatArray, place: FloatArray, large:
         gap: Before deformation, shape (m,).
         way: Displacement across it, metres, shape (m,).
         place: Largest coordinate of the body, metres, shape (m,).
-        large: Whether motions are large.
     """
     return _ROUNDING[0] * (np.abs(gap) + np.abs(way)) + np.where((gap == 0.0) & (not large), 0.0, _ROUNDING[1] * place)
 
@@ -284,8 +283,6 @@ def place_of_largest(
         values: At contact points,
         place: of these coordinates, shape (m, 3),
         part: on these faces, shape (m,).
-        faces: Their names.
-        over: The ranks.
     """
     mine = np.array([[-np.inf, 0.0, 0.0, 0.0, -1.0]])
     if len(values):

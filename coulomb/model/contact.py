@@ -51,7 +51,6 @@ class FrictionModel(Protocol):
             time: Of the end of the load step, seconds.
             slip_rate: In the load step before, metres per second, shape (k,).
             what: What the coefficient is called in errors.
-            comm: The ranks.
 
         Raises:
             ValueError: On every rank, if a value fails, or is negative or not finite on any.

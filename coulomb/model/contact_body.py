@@ -117,7 +117,6 @@ class ContactBody:
             deformable face.
         foundation_loads: Force and moment on them.
         elasticity: K, loads and supports.
-        comm: The ranks that share the body.
         probes: The probes, found in the mesh.
         seconds: Wall time of assembly, factorisation and A so far.
         kept_matrix: The contact matrix of the evidence.

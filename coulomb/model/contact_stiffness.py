@@ -136,9 +136,7 @@ class FixedStiffness:
     """K^-1 and A for one K by one method, each computed when first needed.
 
     Args:
-        elasticity: The body.
         reference: The contact surface in whose frames A is computed; for other frames it is rotated.
-        method: The method.
         seconds: Dictionary to which wall times are added.
         many: Whether many solves are expected: factors are then in double precision, with which products by A are exact
             and a solve is one substitution in place of an iteration.
@@ -241,7 +239,6 @@ class ContactStiffness:
     What was computed for one K is used until another is asked for (`of`), or taken in its place (`replace`).
 
     Args:
-        elasticity: The body.
         references: The contact surfaces in whose frames A is computed, by which bolts are locked.
         unknowns: Of displacement and contact, over all ranks.
         linear_solver: The solver class for K^-1; None for the one that is expected to be faster.
@@ -250,7 +247,6 @@ class ContactStiffness:
 
     Attributes:
         load_steps: How many load steps are expected.
-        loaded_foundations: Whether there are foundations under load.
     """
 
     def __init__(

@@ -40,14 +40,10 @@ class DiscreteProblem:
             `slip_origin`.
 
     Attributes:
-        body, state, small_strain, started, seconds, before: The arguments.
-        comm: The ranks that share the problem.
-        contacts: The contact faces.
         unknowns: Free displacement unknowns and contact unknowns, over all ranks.
         elasticity: K, loads and supports at this time.
         loading: Loads and prescribed displacements.
         time: Time of loads, prescribed displacements and the foundation's position.
-        surface: The contact points.
         law: Law of friction at this rank's contact points.
     """
 

@@ -16,7 +16,6 @@ class FaceAnswer:
     sums of forces go: `connectivity[:, :3]`.
 
     Attributes:
-        name: Of the face.
         coordinates: Of its nodes before deformation, metres, shape (k, 3).
         connectivity: The nodes of its facets in VTK's order, numbered over all ranks, rank after rank, shape (f, n).
         fields: By name, shapes (k,) or (k, 3).

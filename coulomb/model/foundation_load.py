@@ -134,7 +134,6 @@ class FoundationLoads:
     Args:
         loads: What is given for each.
         names: Of the contacts in files (`side_names`).
-        elasticity: The bodies.
     """
 
     def __init__(self, loads: Sequence[FoundationLoad], names: Sequence[str], elasticity: Deformable):

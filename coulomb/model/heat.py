@@ -147,7 +147,6 @@ class HeatProblem:
     """Steady conduction in bodies that are in contact.
 
     Args:
-        bodies: The bodies.
         loads: What heats and cools them.
         contacts: The contacts, with the slave of pairs as face.
         reference: Temperature of the unstrained bodies.
@@ -167,8 +166,6 @@ class HeatProblem:
         """Changes of temperature (k,) in kelvin at a time; collective.
 
         Args:
-            surface: The contact points.
-            time: The time.
             pressure: At the contact points, pascals, shape (m,).
             friction: Power of friction there, watts, shape (m,).
             start: Changes from which to start, shape (k,).

@@ -36,8 +36,6 @@ class FoundationFace:
     """A contact face and its foundation at a time, by the facets and the foundation alone.
 
     Attributes:
-        what: The face in words.
-        member: The body of the face.
         facets: This rank's facets of it.
         nodes: Its nodes among those of the body on this rank, shape (q,).
         motion: That of the foundation, by default the one that is given with the contact.
@@ -141,7 +139,6 @@ class OtherNodes:
     """Nodes of a contact face that are no contact points; this rank's q.
 
     Attributes:
-        comm: The ranks.
         nodes: Among this rank's k nodes, shape (q,).
         x: Coordinates of all k nodes, metres, shape (k, 3).
         n: Unit normals, into the foundation or the face opposite, shape (q, 3).
@@ -233,7 +230,6 @@ def refuse_held_inside(
     collective.
 
     Args:
-        contacts: The contact faces.
         foundations: Their foundations; None of pairs.
         pairs: Nodes of pairs that are held on both sides; not asked for if `exact`.
         elasticity: The bodies with their supports and ties.

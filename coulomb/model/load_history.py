@@ -297,7 +297,6 @@ class Recorder(Protocol):
         """Open for the steps of a problem; collective.
 
         Args:
-            problem: The problem.
             beginning: The state from which a new history begins.
 
         Returns:

@@ -116,7 +116,6 @@ def ended(
     Args:
         state: At its beginning.
         solution: The answer, with its contact points `at` these numbers of those of states.
-        then, now: The forces.
         stiffened: Work of changes of the stiffness, joules.
         elastic: Elastic energy at the end, where it is not half the work of the forces.
     """

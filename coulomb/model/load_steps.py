@@ -33,9 +33,7 @@ class LoadSteps:
 
     Args:
         body: The bodies before deformation, with their contact faces.
-        time: A time.
         linear_solver, explicit: Of the linear problems.
-        branch: As of `ContactProblem`.
         itself: The faces in contact with themselves, by the numbers of the contacts.
 
     Raises:
@@ -48,7 +46,6 @@ class LoadSteps:
         damped: Whether changes of the displacement are damped where tangents are not positive definite: iterates then
             go through an instability (snap-through) to the next equilibrium.
         damping: The last one that made a tangent positive definite; 0 without one.
-        held_by_contact: Whether contact alone holds a body.
         stable: Whether an equilibrium has to be stable.
         answered: The bodies before deformation in the last load step with an answer, and its iterate.
     """

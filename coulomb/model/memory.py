@@ -40,8 +40,6 @@ def memory_needed(
     Args:
         displacement: Displacement unknowns, over all ranks.
         contact: Contact unknowns, over all ranks.
-        ranks: How many.
-        linear_solver: The solver for K.
         explicit: Whether A is formed.
         nodes: Nodes of a cell: 4 and 8, in second order 10 and 27.
         double: Whether factors are in double precision from the beginning, for a load history.

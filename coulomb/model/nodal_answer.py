@@ -95,9 +95,7 @@ class NodalAnswer:
     """An answer at this rank's m contact nodes; newtons and metres.
 
     Attributes:
-        comm: The ranks.
         law: Of friction at these nodes.
-        faces: Names of the contact faces.
         part: Which of them a node is on, shape (m,).
         x: Coordinates, shape (m, 3).
         frames: Rows n, t1, t2, shape (m, 3, 3), as `ContactSurface.frames`: t1 and t2 are shorter where friction is
@@ -117,7 +115,6 @@ class NodalAnswer:
         against: Of each contact face the face opposite, if it is one of a pair; else None.  Empty without pairs.
         opposite_x: Where the forces act on the faces opposite, shape (m, 3); 0 on faces against a foundation.  None
             without pairs.
-        several: Whether there are several bodies.
         copies: How many layers as the mesh make the body, of which forces, areas and energies in all are
             (`Deformable.copies`).
     """

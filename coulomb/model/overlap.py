@@ -18,7 +18,6 @@ class OutsideContacts:
     """Bodies before deformation with what judges their surfaces where: contact pairs and ties.
 
     Args:
-        body: The bodies.
         contacts: Their contacts, of pairs with the slave as face.
         foundations: Of the contacts, before any motion; None of pairs.
     """

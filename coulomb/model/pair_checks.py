@@ -37,7 +37,6 @@ class PairFindings:
     """The worst of what is off at this rank's contact points of a pair.
 
     Attributes:
-        face, against: The names of the faces.
         worst: Rows gap and displacement in metres, normal in degrees, weights, number of nodes left out; columns the
             value, and the place in metres; shape (5, 4).
         allowed: The largest difference of gaps that facets explain, metres.
@@ -74,7 +73,6 @@ class PairReference:
     """The points by which a pair is judged (`PairSamples`); collective.
 
     Args:
-        slave, master: Both faces.
         node: Numbers of this rank's contact points in the slave's body, over all ranks, shape (m,).
         shape: What the facets stand for.
     """

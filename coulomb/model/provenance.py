@@ -39,12 +39,7 @@ def command() -> str:
 
 
 def provenance(started: datetime, comm: MPI.Comm) -> dict[str, Any]:
-    """Host, time, command and version, the same on every rank; collective.
-
-    Args:
-        started: Start time.
-        comm: The ranks.
-    """
+    """Host, time, command and version, the same on every rank; collective."""
     hosts = sorted(set(comm.allgather(platform.node() or "unknown")))
     entry = {
         "hosts": hosts,

@@ -51,7 +51,6 @@ class BodyBalance:
     """The balance of one of several bodies.
 
     Attributes:
-        name: Its name.
         contact: Force and moment of all contact on it.
         balance: What its loads, its supports and contact leave over, relative to the largest of them (`balance`).
     """
@@ -123,14 +122,10 @@ class ForceBalance:
     """All that acts on the bodies at one time.
 
     Attributes:
-        loads: Every load.
         reactions: Every clamp, prescribed displacement and spring.
         balance: What they and the contact forces leave over, relative to the largest of them (`balance`).
         bodies: Of several bodies the balance of each; empty for one.
         ties: Force and moment of every tie on its slave face.
-        rigid_faces: Of every rigid face.
-        bolts: Of every bolt.
-        loaded_foundations: Of every foundation under load.
     """
 
     loads: tuple[Resultant, ...]

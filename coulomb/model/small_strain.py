@@ -368,7 +368,6 @@ def _beyond(answer: NodalAnswer, pressing: BoolArray, at: BoolArray, foundation:
         answer: The answer at all contact points.
         pressing: Which of them press.
         at: Which of these are on the face of the foundation.
-        foundation: The foundation.
     """
     x, n, gap = (values[pressing][at] for values in (answer.x, answer.frames[:, 0], answer.gap))
     return gap - distance_along(n, x, foundation.signed_distance(x), foundation)

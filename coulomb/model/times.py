@@ -21,10 +21,6 @@ def in_times(count: int) -> str:
 def refuse_times(start: float, times: Sequence[float]) -> None:
     """Check that the ends of load steps increase.
 
-    Args:
-        start: Start time of the history.
-        times: Ends of the steps.
-
     Raises:
         ValueError: If there are none, they are no numbers, or they do not increase from `start`.
     """

@@ -19,7 +19,6 @@ class Findings:
     """Result of the check of a run, a load step or a load history.
 
     Attributes:
-        contents: Its summary.json.
         certificate: Certificate of displacement and contact forces; None of a history, or if the files alone were
             judged.
         outside: Violations of the theory of small strains, unless they were accepted.

@@ -81,7 +81,6 @@ class WrittenAnswer:
     """Displacement and contact forces in the files of a run or a load step, and what else is taken from these.
 
     Args:
-        files: Its directory.
         problem: The problem posed anew, at any time.
     """
 

@@ -93,8 +93,6 @@ class Conduction:
     """Conduction in all bodies, and what heats and cools them; this rank's k nodes.
 
     Attributes:
-        bodies: The bodies.
-        loads: As given.
         reference: Temperature from which changes are measured.
         K: Conduction and films, W/K, shape (nodes, nodes), distributed.
         fixed_by: Number of the load that prescribes the temperature of each node, -1 where none does, shape (k,); where

@@ -139,10 +139,8 @@ class DirichletConditions:
     """Boundary conditions on a space of displacements or its components; where they meet, the later one applies.
 
     Args:
-        bcs: The conditions.
         x: Coordinates of this rank's nodes in metres, shape (k, 3).
         dofs: Number of degrees of freedom of this rank, ghosts included.
-        comm: The ranks.
     """
 
     def __init__(self, bcs: Sequence[Any], x: FloatArray, dofs: int, comm: MPI.Comm):
@@ -414,7 +412,6 @@ def contradictions(
         rows: The rows that count.
         values: Their values at an amplitude of 1, shape (r,).
         x: Coordinates of this rank's nodes in metres, shape (k, 3).
-        comm: The ranks.
     """
     scale = _scales(given)
     u = rows.displacement(scale[rows.support] * values)

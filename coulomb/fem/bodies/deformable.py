@@ -241,7 +241,6 @@ class SingleBody(DisplacementSpace, Deformable):
 
     Attributes:
         sprung: Whether springs are on its faces; None where what resists rigid motions is in the user's forms.
-        large: Whether displacements are large.
     """
 
     mesh: NamedMesh

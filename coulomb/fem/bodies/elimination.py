@@ -80,7 +80,6 @@ class Made:
         values: The coefficients of the user's forms.
         diagonal: Of the matrix of the user's form alone, N/m, shape (k, 3).
         ground: Nodal forces of the rigid modes by the user's form, and the motions that it does not resist.
-        free_unknowns: As of `ReducedBodies`.
     """
 
     values: Any = None

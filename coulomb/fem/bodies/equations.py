@@ -195,7 +195,6 @@ class Links:
     """Springs between nodes, each of the energy k (a . u)^2 / 2, of the bodies; none by default; collective.
 
     Args:
-        body: The bodies.
         given: Equations with a stiffness.
 
     Raises:

@@ -35,11 +35,9 @@ def anchors(free: FreeMotions, R: FloatArray, x: FloatArray, places: Sequence[Bo
     determine the motions nearly as well as the best.
 
     Args:
-        free: The motions.
         R: This rank's n unknowns in them, by nodes of three, shape (n, 3, q).
         x: Where these are, metres, shape (n, 3).
         places: Which nodes suit, the best first, shapes (n,); the last ones determine all motions.
-        comm: The ranks.
     """
     found = np.zeros(R.shape[:2], dtype=bool)
     of = np.array([motion.component for motion in free.motions], dtype=np.int64)
@@ -274,7 +272,6 @@ def free_motions(
         component: Their components, shape (k,).
         names: What the components are called in messages.
         forces: Nodal forces that supports and springs make of the `component_modes`, in any unit, shape (k, 3, 6).
-        comm: The ranks.
         per_node: Energy of a motion up to which it is free, in the same unit and metres, over the number of nodes of
             the component; None where the forces are those of unit springs.
     """

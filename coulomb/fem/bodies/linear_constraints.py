@@ -50,7 +50,6 @@ class Constraints:
         links: Springs between nodes; None without.
 
     Attributes:
-        given: As given.
         every: These with their nodes, also those that do not act.
         ties: Those that act.
         acting: Which of `every` do; () if all act at all times.

@@ -279,7 +279,6 @@ class VolumeForce:
     """Force in the volume of some cells.
 
     Attributes:
-        face: Name of their group.
         value: Per volume in N/m^3, a vector or a function of x.
         amplitude: Factor as a function of time.
     """

@@ -149,7 +149,6 @@ class MeanVolume:
         k: In pascals, of this rank's own cells, 0 without this part; shape (c,).
 
     Attributes:
-        invariant: As given.
         tension: p of the displacement of the last `move`, pascals, 0 in other cells: a function for forms.
         ahead: p as the linear problem at the displacement before has it, for the tangent (`HyperelasticBody`).
         products: The part k f''/V b b^T at that displacement.

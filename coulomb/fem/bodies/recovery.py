@@ -167,7 +167,6 @@ def _highest(N: FloatArray, corners: IntArray, weights: FloatArray, degree: int)
 
     Args:
         N: First-order functions of the corners at the points, shape (q, 4 or 8).
-        corners: As of `Grid`.
         weights: Of the points, shape (q,).
     """
     kinds, of_cell = np.unique(corners, axis=0, return_inverse=True)
@@ -246,8 +245,6 @@ class StressedCells:
     Attributes:
         vertices: Of every cell, by this rank's numbers of them, ghosts included, shape (c, 4 or 8).
         x: Places of vertices, metres, shape (v, 3); 0 of those of other ranks' cells only.
-        modulus: As of `StressError`.
-        heated: Whether there is a thermal stress.
     """
 
     def __init__(self, body: LoadedBody, u: FloatArray, change: FloatArray | None):

@@ -80,7 +80,6 @@ class Reduction:
     Attributes:
         x, held: Of the nodes.
         points: Where the unknowns are, metres, shape (k + p, 3); p is 0 but on the last rank.
-        numbering: The numbers of the unknowns.
         own: Where those of each tie are among all own unknowns.
         width: How many these are on all ranks, with what pads them.
         loose: 1 at own unknowns that are free, 0 at those that are prescribed and at what pads them, shape (width,).

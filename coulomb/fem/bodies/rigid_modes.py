@@ -160,7 +160,6 @@ class Wrench:
     """A force and a moment of which the directions do not turn, at a point that moves with a face.
 
     Attributes:
-        face: The face.
         point: The point before deformation, metres, shape (3,).
         force, moment: Newtons and newton metres, shapes (3,).
         forces: The forces on nodes that stand for them now, newtons, shape (k, 3).

@@ -100,7 +100,6 @@ class FaceMotion:
     """The motion of a rigid face.
 
     Attributes:
-        given: As given.
         place: The reference point, metres, shape (3,).
         nodes: Its nodes among this rank's k nodes, ascending, shape (m,).
         ways: Orthonormal directions along which its nodes follow the motion, shape (d, 3).
@@ -212,8 +211,6 @@ class Section:
     """The section of a bolt, whose own unknown is along it.
 
     Attributes:
-        face: The slave face.
-        given: As given.
         place: Its middle, metres, shape (3,).
         direction: n, out of the slave face, shape (3,).
         radius: Root of its area over pi, metres.

@@ -157,7 +157,6 @@ class _OuterFacets(NamedTuple):
     """The outer facets of a body that this rank owns.
 
     Attributes:
-        kind: Of the facets.
         x: Their nodes, metres, shape (f, n, 3).
         cells: Their polygons, of second order four of each.
         points: The points of the lines from each polygon, on the facet, metres, shape (c, 16, 3).

@@ -48,7 +48,6 @@ class BodyBoundary:
     """What this rank owns of a body, before deformation.
 
     Attributes:
-        part: The body.
         starts: First node of every rank, and the number of all (`starts_of`).
         facet: Its facets, ascending, shape (f,).
         patch: These with their nodes.
@@ -93,7 +92,6 @@ class BodyBoundary:
         their two ends, of nodes the same.
 
         Args:
-            number: Of this body.
             rows: At the nodes of the facets u in metres, deformation, component; for every pair 1 on the slave and 2 at
                 what is kept out; and for every pair 1 on the master; shape (f, n, w).
             near: Which facets have something near them of this body, and of another, shape (f, 2).

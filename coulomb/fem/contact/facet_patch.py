@@ -32,7 +32,6 @@ def functions_at(
     with the length area over reference area, shape (t, q or 1, 3).
 
     Args:
-        kind: Of the facets.
         x: Their nodes, the third component along the projection, shape (t, n, 3).
         p: The places, shape (t, q, 2).
         start: Reference points near them, shape (t, 2).

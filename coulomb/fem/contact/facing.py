@@ -70,7 +70,6 @@ def near(bodies: Sequence[Facets], reach: FloatArray, comm: MPI.Comm) -> list[Bo
     Args:
         bodies: Their facets on this rank.
         reach: How near, metres, shape (3,); of one component those alone that have met.
-        comm: The ranks.
     """
     every = [of.of_all_ranks(comm) for of in bodies]
     ends = [(of.low.min(axis=0, initial=np.inf), of.high.max(axis=0, initial=-np.inf)) for of in every]

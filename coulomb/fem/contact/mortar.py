@@ -125,7 +125,6 @@ def slave_functions(
     The others are those of the same facet; if it has none, the nearest one of the facets that it shares nodes with.
 
     Args:
-        slave: The facets.
         nodes: The nodes of the multipliers of every facet, shape (f, j).
         found: Lambda, shape (f, j, n).
         sizes: Integrals of the functions, shape (f, j).

@@ -116,7 +116,6 @@ class Surface:
     Args:
         parts: The bodies; nodes are those of one after the other.
         sides: The pairs whose slave nodes something else keeps out of the master, or in their place beside it.
-        comm: The ranks.
     """
 
     def __init__(self, parts: Sequence[Part], sides: Sequence[Sides], comm: MPI.Comm):
@@ -184,7 +183,6 @@ class Surface:
             judged: Of every pair this rank's slave nodes that are kept out.
             gaps: Of every pair the largest gap that is given beside the distance, metres: by so much its bodies may be
                 inside each other.
-            obstacles: The rigid foundations.
             large: Whether bodies may have moved far: then relative motions count as at most the deformation.
         """
         kept: BoolArray = np.zeros(self._slaves.shape, dtype=bool)

@@ -282,14 +282,11 @@ class Pair:
     """Geometry of a pair of faces before deformation; this rank's m contact points, on the slave face.
 
     Attributes:
-        face: Name of the slave face.
-        against: Name of the master face.
         points: Averages over the slave face, and over the master face opposite.
         x: Their coordinates in metres, shape (m, 3).
         n: Unit normals, from the slave body into the master body, shape (m, 3).
         gap: Distance along them before deformation in metres, adjusted, shape (m,).
         held: Projectors on the held directions of the slave nodes, shape (m, 3, 3).
-        chord: As `ContactSurface.chord`.
         elsewhere: Nodes of the slave face that are contact points of another contact instead (`nodes_at_seams`).
         remarks: What a user should know of it.
     """

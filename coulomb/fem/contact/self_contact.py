@@ -60,7 +60,6 @@ def two_sides(
     """The sides of a face in contact with itself, of this rank's facets; collective, the same on any number of ranks.
 
     Args:
-        mesh: Of the body.
         face: This rank's facets.
         u: Displacement of this rank's nodes, metres, shape (k, 3); by default the sides are those before deformation.
         depth: With a displacement, that of the sides before it.

@@ -191,8 +191,6 @@ def contact_surface(
 
     Args:
         elasticity: The body with its clamps.
-        face: Name of the face.
-        foundation: The obstacle.
         normals: Source of the normals, before deformation.
         axes: Orthotropic friction, by which the tangents are rotated and scaled.
         gap_field: A gap in metres that is added to the distance, of nodes of this rank that were at x (k, 3) before

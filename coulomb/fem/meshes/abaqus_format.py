@@ -39,7 +39,6 @@ def read(path: str, cells: str | None = None) -> MeshFile:
     surface, "SET skin".
 
     Args:
-        path: The file.
         cells: The set of solid elements to read, or one of the kinds of cells of the deck (`Geometry.kinds`); by
             default all.
 

@@ -95,7 +95,6 @@ def finer(
     on the smooth surface for which facets stand, and the facets farthest from it are divided as well (ROUNDER).
 
     Args:
-        mesh: The bodies.
         squared: Of each body, by name ("" if it is alone), the squared errors of this rank's own c cells, shape (c,);
             of a box the parts that planes across x, across y and across z make smaller, shape (3, c).
         flat: Volume between facets and the surface for which they stand, over that of a body (`polygon`), that is small

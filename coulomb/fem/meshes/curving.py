@@ -233,7 +233,6 @@ def curved_faces(mesh: NamedMesh, pieces: IntArray) -> CurvedFaces | None:
     """The boundary of second-order cells, None if its edges are straight; collective.
 
     Args:
-        mesh: The cells.
         pieces: Columns of the nodes of a cell that are corners of first-order facets on each of its facets, in VTK's
             order, shape (facets, pieces, 3 or 4).
     """

@@ -96,7 +96,6 @@ class SectionFile:
             edges from the first corner on.
         cell_groups: Cells of every group, among all of `cells` in their order.
         line_groups: Ends of every edge of every group of lines, by name, shape (k, 2).
-        node_groups, numbers: As of `MeshFile`.
     """
 
     path: str

@@ -90,7 +90,6 @@ class OneKind:
         """These cells with what a file has of the given ones.
 
         Args:
-            path: The file.
             cell_groups: The given cells of every group, among all in their order.
             faces: Corners of the facets of every group, as `facets` takes them; of another shape beside those that fit
                 they are left out.

@@ -214,7 +214,6 @@ def _untangled(
     are moved to the mean of their neighbours; None if that is not enough.
 
     Args:
-        x: Nodes.
         cells: All, shape (c, 8).
         changed: Those that may be flat, shape (c,).
         free: Nodes that may move, perpendicularly to their normals.

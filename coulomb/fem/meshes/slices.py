@@ -142,7 +142,6 @@ def sliced(section: SectionFile, given: Slice, scale: float, degree: int | None 
     """The layer of a section, in the units of its file, and what it is a layer of.
 
     Args:
-        section: The section.
         given: What it is to be.
         scale: Metres per unit of the file.
         degree: Order of the cells; by default that of the section.

@@ -46,7 +46,6 @@ def faces_of(domain: Any, given: Any, what: str) -> tuple[Groups, dict[str, str]
     collective.
 
     Args:
-        domain: The mesh.
         given: By name arrays of facets, (MeshTags, value), or functions of x, shape (3, k), that are True on the face;
             or MeshTags, whose values become names such as "3"; or MeshData, whose physical groups have the names.
         what: Beginning of messages.

@@ -165,7 +165,6 @@ class Limits:
     """Range of the colours, in the bare unit of the field.
 
     Attributes:
-        low: Its start.
         high: Its end, of several ranges that of the largest.
         least: Magnitudes up to this are rounding errors of the answer, shown as 0.
         ends: By number of the contact the end of its range, which starts at 0, or at minus the end if `low` is not 0;

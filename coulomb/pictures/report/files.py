@@ -90,7 +90,6 @@ class Run:
     """The results of a run, except its fields.
 
     Attributes:
-        directory: Directory of the run.
         summary: summary.json; for a history that of the last step.
         history: Sums and largest values of all steps of a history; empty for a single run.
         certified: Whether the certificate passed; for a history, in every step.

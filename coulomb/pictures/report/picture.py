@@ -49,7 +49,6 @@ def plot(
     """Draw a run; returns a message for the user.
 
     Args:
-        directory: Directory of the run.
         field: One of `fields.FIELDS`, vectors also with _x, _y, _z.
         scale: Factor of the displacement; None chooses a visible one.
         view: One of `VIEWS`; None chooses by the field.

@@ -178,9 +178,6 @@ class Look:
     """Display settings of a state.
 
     Attributes:
-        field: The field shown by colours.
-        limits: Range of the colours.
-        scale: Factor of the displacement.
         view: One of `VIEWS`, or `SECTION`.
         caption: Text at the top of a window, with colour bar and axes; empty if `sheet` or the page adds these.
     """
