@@ -134,7 +134,8 @@ def _read_pairs(of: Reading) -> list[_Pair]:
         slave, master = (_surface(of, word, card, row) for word in words[:2])
         names = key_of(words[0]), key_of(words[1])
         clearance = clearances.pop(names, None)
-        course = _course(of, names, [(None, _law(of, interaction.behavior)), *_other_laws(of, called)])
+        changed = ((card, _law(of, card)) for _, card in _changes(of, "SURFACEBEHAVIOR", called))
+        course = _course(of, names, [(None, _law(of, interaction.behavior)), *changed])
         kinds = {kind for _, kind in course}
         if names[0] == names[1]:
             if "tied" in kinds or clearance is not None:
@@ -232,12 +233,6 @@ def _interactions(of: Reading) -> dict[str, _Interaction]:
         elif card.kind == "GAPCONDUCTANCE" and now is not None:
             now.conductance = card
     return found
-
-
-def _other_laws(of: Reading, interaction: str) -> Iterator[tuple[Card, str]]:
-    """What *CHANGE SURFACE BEHAVIOR makes of an interaction: each card with the law from its step on."""
-    for _, card in _changes(of, "SURFACEBEHAVIOR", interaction):
-        yield card, _law(of, card)
 
 
 def _changes(of: Reading, kind: str, interaction: str) -> Iterator[tuple[Step, Card]]:

@@ -253,7 +253,7 @@ class Geometry:
             if run:
                 into.members.append(np.array(run, dtype=np.int64))
                 run = []
-            into.members.append(self.label(word, of) if _is_qualified(word) else self._own(word, of))
+            into.members.append(self.label(word, of) if "." in word else self._own(word, of))
         if run:
             into.members.append(np.array(run, dtype=np.int64))
 
@@ -463,10 +463,6 @@ class Geometry:
                 yield f"{what} {side.replace('S', letter)}", values, sides
             else:
                 yield f"{card.keyword} line {card.line}" + (f" {number}" if len(given) > 1 else ""), values, sides
-
-
-def _is_qualified(word: str) -> bool:
-    return "." in word
 
 
 def _turn(axis: FloatArray, angle: float) -> FloatArray:

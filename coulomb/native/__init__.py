@@ -100,7 +100,8 @@ def _loaded(library: str) -> ctypes.CDLL | str:
     """A library, or why there is none, which is asked once."""
     try:
         compiler = shlex.split(os.environ.get("CC", "cc"))
-        path = _cache() / f"{library}_{_key(library, compiler)}.so"
+        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "coulomb"
+        path = cache / f"{library}_{_key(library, compiler)}.so"
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             if not path.exists():
@@ -128,10 +129,6 @@ def _compile(library: str, compiler: list[str], path: Path) -> None:
         if with_threads.returncode != 0:  # a compiler without the library of OpenMP
             subprocess.run(command, check=True, capture_output=True, timeout=_SECONDS)
         made.replace(path)  # at once: other machines may do the same
-
-
-def _cache() -> Path:
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "coulomb"
 
 
 def _sources(library: str) -> list[Path]:

@@ -146,7 +146,9 @@ class FormBody(SingleBody):
         self.mesh = named_mesh(V.mesh, {} if faces is None else faces)
         super().__init__(V)
         self._update, self._present = update, _SharedState()
-        self._signatures = {name: _signature(form) for name, form in (("a", a), ("L", L))}
+        self._signatures = {
+            name: str(form.signature()) if hasattr(form, "signature") else None for name, form in (("a", a), ("L", L))
+        }
         self._degree = compat.lagrange_vectors(V)[1]
         self._of_ufl = a, L
         self._a, self._L = BilinearForm(a, V), None if L is None else compiled(L, "L", V.mesh.comm)
@@ -364,8 +366,3 @@ class FormBody(SingleBody):
             update = self._update
             on_all_ranks(lambda: update(time), f"Body: update({time:g})", self.mesh.comm)
             self._present.time = time
-
-
-def _signature(form: Any) -> str | None:
-    """UFL's signature of a form, without the values of coefficients; None of a compiled form, or of none."""
-    return str(form.signature()) if hasattr(form, "signature") else None

@@ -77,13 +77,9 @@ class Constraints:
             every.append(one.joined(nodes, taken))
         self.every = tuple(every)
         self.as_made = [one.as_made(tie) for one, tie in zip(given, every, strict=True)]
-        self._reductions = {acting: self._reduction_of(acting, nodes) for acting in self._actings}
+        actings = {self._acting(time) for time in (*limits_of(self.given), np.inf)}  # between begins and ends
+        self._reductions = {acting: self._reduction_of(acting, nodes) for acting in actings}
         self._take(self._acting(time), time)
-
-    @property
-    def _actings(self) -> set[tuple[bool, ...]]:
-        """Which of the constraints act, between the times at which some begin or end."""
-        return {self._acting(time) for time in (*limits_of(self.given), np.inf)}
 
     def _acting(self, time: float) -> tuple[bool, ...]:
         return tuple(acts(one, time) for one in self.given) if limits_of(self.given) else ()

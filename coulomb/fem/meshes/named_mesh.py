@@ -251,17 +251,14 @@ _SIX = ((0, 1, 3, 7), (0, 1, 7, 5), (0, 5, 7, 4), (0, 3, 2, 7), (0, 6, 4, 7), (0
 
 def volume(named: NamedMesh) -> float:
     """Volume in cubic metres of this rank's own cells by their corners; non-planar faces are split into triangles."""
-    corners = _own_corners(named.domain)
+    domain = named.domain
+    corners = domain.geometry.x[corner_geometry(domain)[: domain.topology.index_map(3).size_local]]
     parts = ((0, 1, 2, 3),) if corners.shape[1] == 4 else _SIX
     total = 0.0
     for a, b, c, d in parts:
         edges = corners[:, [b, c, d]] - corners[:, [a]]
         total += float(np.sum(np.abs(np.linalg.det(edges)))) / 6.0
     return total
-
-
-def _own_corners(domain: Any) -> FloatArray:
-    return domain.geometry.x[corner_geometry(domain)[: domain.topology.index_map(3).size_local]]
 
 
 NOWHERE = (0.0, 0.0, 0.0)
