@@ -163,6 +163,12 @@ class FixedStiffness:
         self._latest: tuple[ContactSurface, BodyCompliance] | None = None
 
     @cached_property
+    def with_formed(self) -> FixedStiffness:
+        """With factors that give A as well."""
+        method = replace(self.method, explicit=True, fronts=None)
+        return FixedStiffness(self.elasticity, self._reference, method, self._seconds)
+
+    @cached_property
     def solver(self) -> StiffnessSolver:
         """K^-1; where A is formed with the contact nodes eliminated last, which gives A."""
         K, x, method = self.elasticity.K, self.elasticity.reduction.points, self.method

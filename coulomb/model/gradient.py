@@ -230,8 +230,8 @@ def gradient(
     of_u: FloatArray | None,
     later: Gradient | None = None,
 ) -> Gradient:
-    """Of a function J of an answer, by the adjoint equations: one linear system of the contact and two solves with K,
-    however many inputs there are (`solvers.derivatives.gradient`); collective.
+    """Of a function J of an answer, by the adjoint equations: one linear system of contact and displacements, however
+    many inputs there are (`solvers.derivatives.gradient`); collective.
 
     Args:
         problem: The problem,
@@ -323,24 +323,19 @@ def _gradient(
 ) -> Gradient:
     """With points on a border closed, sticking where they may (`firm`), or open, and slipping; collective."""
     surface, still = problem.surface, unloaded(problem.loading)
-
-    def response(load: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """K^-1 of nodal forces (k, 3), and the forces along rigid motions."""
-        loaded = with_loading(problem, replace(still, load=load))
-        along = np.zeros(0) if loaded.state.rigid is None else loaded.state.rigid.e
-        return loaded.linear.free_displacement, along
-
     body, before = problem.elasticity, problem.before
     undetermined: FloatArray = np.zeros((len(surface.nodes), 2))
     if surface.slip_prescribed:
         undetermined = directions_on_supports(row_products(surface.free_B, surface.points)[:, 1:, 1:])
 
     def solved(of_u: FloatArray) -> _Owed:
-        free, along = response(of_u)
-        of_forces = of_x - surface.rows(free).ravel()
-        owed, border = adjoint(problem.friction_problem, x, of_forces, along, undetermined, firm)
-        whole = of_u + surface.at_nodes(owed.b)
-        v = response(whole)[0]
+        rigid = with_loading(problem, replace(still, load=of_u)).state.rigid
+        of_alpha = np.zeros(0) if rigid is None else rigid.e
+        A, local = problem.linear.formed_A, 1.0 / problem.linear.node_stiffness
+        of_J = of_x, body.reduction.along(of_u).ravel(), of_alpha
+        owed, border = adjoint(problem.friction_problem, A, local, x, *of_J, undetermined, firm)
+        assert owed.f is not None
+        whole, v = of_u + surface.at_nodes(owed.b), body.reduction.displacement(owed.f.reshape(-1, 3))
         reaction = whole - body.internal_force(v) + body.spring_force(v)
         prescribed = body.held.held_part(body.reduction.transferred(reaction)[: len(u)])
         return _Owed(v, problem.moved(v, owed.e), owed, prescribed, reaction, border)

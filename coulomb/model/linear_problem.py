@@ -24,7 +24,7 @@ from ..fem.bodies import (
 )
 from ..fem.contact import ContactSurface, rows_of
 from ..fem.geometry import RigidMotion, Spin
-from ..linalg.compliance import BodyCompliance, StiffnessSolver
+from ..linalg.compliance import EXPLICIT_UP_TO, BodyCompliance, DirectSolver, StiffnessSolver
 from ..linalg.reductions import Reductions
 from ..linalg.solve_errors import CGNotConverged
 from ..solvers.friction_problem import FrictionProblem
@@ -294,6 +294,15 @@ class LinearProblem:
         """A, b and the law, without the body."""
         body = self.elasticity.component[self.surface.nodes]
         return FrictionProblem(self.A, self.b, self.state.law, rigid=self.state.rigid, elastic=True, body=body)
+
+    @cached_property
+    def formed_A(self) -> BodyCompliance:
+        """A that can be formed, if K has factors and contact points are few enough: on soft springs little else
+        preconditions; collective."""
+        method, points = self.stiffness.method, self.elasticity.comm.allreduce(len(self.surface.nodes))
+        if method.explicit or method.linear_solver is not DirectSolver or 3 * points > EXPLICIT_UP_TO:
+            return self.A
+        return self.stiffness.with_formed.compliance(self.surface, self._seconds)
 
     @cached_property
     def node_stiffness(self) -> FloatArray:

@@ -267,7 +267,8 @@ class _Answer:
 
     def _solved(self, rights: Sequence[_Right], sign: float) -> list[_Solved]:
         """By the linear problem, as the input grows (sign 1) or falls (-1); collective."""
-        posed, changes = [with_loading(self._problem, one.loading) for one in rights], []
+        problem, changes = self._problem, list[Change]()
+        posed = [with_loading(problem, one.loading) for one in rights]
         moved = [self._carried(one.loading) for one in rights]
         for one, changed, carried in zip(rights, posed, moved, strict=True):
             e = [np.zeros(0) if each.state.rigid is None else each.state.rigid.e for each in (changed, self._without)]
@@ -277,7 +278,8 @@ class _Answer:
             else:
                 f = sign * self._problem.elasticity.reduction.along(one.loading.load, one.loading.tension).ravel()
             changes.append(Change(sign * closing.ravel(), sign * one.bound, sign * (e[0] - e[1] + one.e), f))
-        owed, solved = derivatives(self._problem.friction_problem, self._x, changes), []
+        A, local, solved = problem.linear.formed_A, 1.0 / problem.linear.node_stiffness, list[_Solved]()
+        owed = derivatives(problem.friction_problem, A, local, self._x, changes)
         for changed, found, carried in zip(posed, owed, moved, strict=True):
             u = sign * self._problem.elasticity.reduction.displacement(found.u.reshape(-1, 3))
             u = u + changed.linear.free_displacement if carried else u

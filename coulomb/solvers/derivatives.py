@@ -84,45 +84,58 @@ class Derivative:
     border: int
 
 
-def derivatives(problem: FrictionProblem, x: FloatArray, changes: Sequence[Change]) -> list[Derivative]:
+def derivatives(
+    problem: FrictionProblem, A: BodyCompliance, local: FloatArray, x: FloatArray, changes: Sequence[Change]
+) -> list[Derivative]:
     """Derivatives of an answer x (3 m,) in newtons along parameters, by its sets: P dx + Q dw = -(change of the
     equations), one linear system for each (contact_equations.py; A. Beremlijski et al.: Shape optimization in contact
-    problems with Coulomb friction, SIAM J. Optim. 13, 2002); collective."""
-    return _at_answer(problem).derivatives(x, changes)
+    problems with Coulomb friction, SIAM J. Optim. 13, 2002); collective.
+
+    The linear systems are made of an A that may be another than that of the problem, if it is easier to form.  `local`
+    is what a newton at a point does to the body next to it, metres per newton, shape (m,): diag(A) without motions of
+    the body as a whole, which soft springs alone resist.  Displacements are judged by it.
+    """
+    return _at_answer(problem, A, local).derivatives(x, changes)
 
 
 def gradient(
     problem: FrictionProblem,
+    A: BodyCompliance,
+    local: FloatArray,
     x: FloatArray,
     of_x: FloatArray,
+    of_u: FloatArray,
     of_alpha: FloatArray,
     undetermined: FloatArray,
     firm: bool = True,
 ) -> tuple[Change, int]:
-    """What a function of an answer owes to b, the bounds and e: one linear system, the transpose of that of
+    """What a function of an answer owes to f, b, the bounds and e: one linear system, the transpose of that of
     `derivatives`; collective.
 
     Args:
-        problem: The problem,
-        x: and its answer, newtons, shape (3 m,).
+        problem, A, local: As of `derivatives`.
+        x: The answer, newtons, shape (3 m,).
         of_x: Derivatives of the function along x, per newton, shape (3 m,),
+        of_u: along displacements, per metre, this rank's unknowns, shape (n,),
         of_alpha: and along the rigid motions, shape (q,).
         undetermined: Directions along t1 and t2 in which supports hold a point, whose friction along these is 0 while
             it sticks; 0 of others, shape (m, 2).
         firm: Whether points on the border of two states are closed and stick, or are open and slip.
 
     Returns:
-        Them, and the number of points on a border.
+        Them, b without that of f, and the number of points on a border.
 
     Raises:
         ValueError: If the system is (nearly) singular: the answer is one of several.
     """
-    return _at_answer(problem).gradient(x, of_x, of_alpha, undetermined, firm)
+    return _at_answer(problem, A, local).gradient(x, of_x, of_u, of_alpha, undetermined, firm)
 
 
-def _at_answer(problem: FrictionProblem) -> _Derivatives:
+def _at_answer(problem: FrictionProblem, A: BodyCompliance, local: FloatArray) -> _Derivatives:
     settings = SemismoothNewton()
-    return _Derivatives(settings, problem, Task(Goal(settings.tolerance, None), None, None, None))
+    found = _Derivatives(settings, problem, Task(Goal(settings.tolerance, None), None, None, None))
+    found.of_body, found.local = A, local / problem.mean_diagonal
+    return found
 
 
 class _Right(NamedTuple):
@@ -146,6 +159,8 @@ class _Derivatives(SemismoothIteration):
     """The iteration at an answer."""
 
     _inverse: ContactPreconditioner | FormedInverse  # type: ignore[assignment]
+    of_body: BodyCompliance
+    local: FloatArray
 
     def derivatives(self, x: FloatArray, changes: Sequence[Change]) -> list[Derivative]:
         """As of the function `derivatives`; collective."""
@@ -155,7 +170,7 @@ class _Derivatives(SemismoothIteration):
         points = round(self._over.sum(border.points.astype(np.float64)))
         of_bounds = [np.where(self._at.status == 2, one.bound, 0.0)[:, None] * slips for one in changes]
         rights = [self._right(change, of_bound) for change, of_bound in zip(changes, of_bounds, strict=True)]
-        together = len(changes) if self._problem.A.matrix_free is None else 1  # V-cycles are made one by one
+        together = 1 if self._one_by_one else len(changes)
         first = [one for k in range(0, len(changes), together) for one in self._solved_for(rights[k : k + together])]
         found = []
         for change, of_bound, solved in zip(changes, of_bounds, first, strict=True):
@@ -200,12 +215,18 @@ class _Derivatives(SemismoothIteration):
         return dx, dw, u, dalpha, settled
 
     def gradient(
-        self, x: FloatArray, of_x: FloatArray, of_alpha: FloatArray, undetermined: FloatArray, firm: bool
+        self,
+        x: FloatArray,
+        of_x: FloatArray,
+        of_u: FloatArray,
+        of_alpha: FloatArray,
+        undetermined: FloatArray,
+        firm: bool,
     ) -> tuple[Change, int]:
         """As of the function `gradient`; collective.
 
-        By the transposed system [P^T + A Q^T, G^T; -G Q^T, 0] of multipliers (z, mu): Q^T z and mu are the derivatives
-        along b and e.
+        By the transposed system K v - B^T Q^T z = of_u, P^T z + B v + G^T mu = of_x, -G Q^T z = of_alpha of multipliers
+        (v, z, mu): v, Q^T z and mu are the derivatives along f, b and e.
         """
         slips, known, slope = self._settle(x), self._problem.known_slip, self._problem.law.slope(x[0::3])
         border = self._border(self._w(self._A_x, self._alpha))
@@ -223,7 +244,8 @@ class _Derivatives(SemismoothIteration):
         QG, r3 = self._at.Q @ self._scaled.G, NO_MOTION
         if len(self._e):
             r3 = -self._a * (self._T @ of_alpha)
-        rows, inverse = self._scale()[:, None], self._inverse
+        rows, inverse = np.repeat(self._scale()[:, None], 3, axis=1), self._inverse
+        weight = self._over.max(self._scale() * self.local)
         inverse.move(self._at)
         constraints = Constraints(self._scaled.comm, self._scaled.G, QG)
         krylov = CoupledKrylov(
@@ -234,21 +256,21 @@ class _Derivatives(SemismoothIteration):
             lambda z, w: np.einsum("iab,ib->ia", P, z) + w,
             ConstraintPreconditioner(inverse.transposed, constraints, 3, self._scaled.G),
             rows,
-            self._over.max(rows),
+            weight,
         )
-        size = math.hypot(self._over.norm(rows * g), float(np.linalg.norm(r3)))
-        none = np.zeros((1, self._body.size))
-        _, (z,), (mu,), (left,) = krylov.solve(none, g[None], r3[None], np.array([self._accuracy * size]))
+        f = -self._a * of_u
+        size = math.hypot(self._over.norm(rows * g), weight * self._over.norm(f), float(np.linalg.norm(r3)))
+        (u,), (z,), (mu,), (left,) = krylov.solve(f[None], g[None], r3[None], np.array([self._accuracy * size]))
         _refuse_unsolved(left, size)
         bound += np.where(self._at.status == 2, np.einsum("ka,ka->k", slips, z[:, 1:]), 0.0)
         e = -self._T.T @ mu if len(self._e) else NO_MOTION
-        return Change(np.einsum("iab,ib->ia", Q, z).ravel() / self._a, bound, e), points
+        return Change(np.einsum("iab,ib->ia", Q, z).ravel() / self._a, bound, e, -u / self._a), points
 
     def _settle(self, x: FloatArray) -> FloatArray:
         """To an answer x (3 m,) and the equations there; the directions of friction, shape (m, 2); collective."""
-        A = self._problem.A
-        assert isinstance(A, BodyCompliance)
-        self._body, self._accuracy = A.elimination(), _ACCURACY[A.matrix_free is not None]
+        A = self.of_body
+        self._one_by_one = A.matrix_free is not None  # as V-cycles are made
+        self._body, self._accuracy = A.elimination(), _ACCURACY[self._one_by_one]
         if len(x) <= _FORMED and (formed := A.formed()) is not None:
             self._inverse = FormedInverse(formed / formed.dtype.type(self._a), self._scaled.diagonal)
         self._x = x.reshape(-1, 3).copy()
@@ -269,8 +291,11 @@ class _Derivatives(SemismoothIteration):
     def _solved_for(self, rights: Sequence[_Right]) -> list[_Solved]:
         """Of the derivative of the equations at the present point; collective."""
         over, at = self._over, self._at
-        rows = 1.0 / self._scale()[:, None]
-        weight = over.min(rows)
+        scale, local = self._scale()[:, None], self.local[:, None]
+        if self._one_by_one:  # a V-cycle moves a body on its springs by itself, beyond what contact lets it
+            local = np.ones_like(local)
+        rows = 1.0 / (scale * np.maximum(np.abs(at.P).sum(axis=2), np.abs(at.Q).sum(axis=2) * local))
+        weight = over.min(1.0 / scale)
         self._inverse.move(at)
         krylov = CoupledKrylov(
             self._body,
@@ -282,7 +307,7 @@ class _Derivatives(SemismoothIteration):
             rows,
             weight,
         )
-        slight = _SLIGHT * over.norm(rows * self._x)
+        slight = _SLIGHT * over.norm(self._x / scale)
         sizes = [
             max(math.hypot(over.norm(rows * g), weight * over.norm(f), weight * float(np.linalg.norm(e))), slight)
             for f, g, e in rights

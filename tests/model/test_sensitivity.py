@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 from conftest import run_coulomb
+from drawn_block import weights
 
 import coulomb
 from coulomb.solvers import derivatives
@@ -142,6 +143,32 @@ def test_the_adjoint_agrees_with_the_derivatives(make):
         size = np.linalg.norm(of_x) * np.linalg.norm(one.contact_force)
         size += np.linalg.norm(of_u) * np.linalg.norm(one.displacement)
         assert value == pytest.approx(expected, abs=1e-10 * size), one.name
+
+
+@pytest.mark.parametrize("softness", [1e-5, 1e-8])
+def test_on_soft_springs(softness):
+    """Which give a body that contact holds motions of 1/softness times what the same forces do to it.  Adjoint and
+    forward agree, and are those of two stiffer springs, extrapolated: softness does to the answer what it is."""
+
+    def derivatives_of(softness):
+        answer = coulomb.ContactProblem(
+            coulomb.box((1.0, 1.0, 0.5), (4, 4, 2)),
+            coulomb.Material(2e11, 0.3),
+            [],
+            coulomb.Contact("bottom", friction=0.3),
+            [coulomb.Pressure("top", 1e7), coulomb.Traction("right", (1e6, 1e6, 0.0))],
+            springs=[coulomb.Spring("top", 2e11 * softness)],
+        ).solve(tolerance=1e-12)
+        of_x, of_u = weights(answer)
+        gradient = answer.gradient(of_x, of_u)
+        (pressing, _) = (one.forces for one in answer.problem.elasticity.loads_in(answer.problem.loading))
+        found = {one.name: one for one in answer.sensitivities()}["pressure on 'top'"]
+        return of_x @ found.contact_force + np.sum(of_u * found.displacement), np.sum(gradient.load * pressing)
+
+    forward, adjoint = derivatives_of(softness)
+    stiff, stiffer = (derivatives_of(one)[0] for one in (1e-4, 2e-4))
+    assert adjoint == pytest.approx(forward, rel=1e-9)
+    assert forward == pytest.approx(stiff + (stiff - stiffer) * (1.0 - softness / 1e-4), rel=1e-7)
 
 
 def test_with_the_compliance_as_a_matrix_they_are_the_same(monkeypatch):

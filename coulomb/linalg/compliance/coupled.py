@@ -29,6 +29,10 @@ _KEPT: Final = 100
 _CYCLES: Final = 10
 """Iterations before a restart, and restarts, at most: beyond what systems take that are not singular, nearly."""
 
+_SURE: Final = 10.0
+_FALLING: Final = 0.9
+"""Residual over the tolerance above which a solution is improved, and over that before up to which this goes on."""
+
 _AGAIN: Final = 0.5  # an image that orthogonalisation leaves less of than this part is made orthogonal once more
 
 
@@ -83,7 +87,7 @@ class CoupledKrylov:
         forces: z -> X z, shapes (m, 3).
         equations: (z, w) -> P z + Y w, shapes (m, 3).
         inverse: (r (m, 3, c), r3 (q, c)) -> z and alpha of [P + Y A X/a, -Y G^T; G X, 0], nearly.
-        rows: Weights of the equations of the contact points, shape (m, 1),
+        rows: Weights of the equations of the contact points, shape (m, 3),
         weight: and of those of displacements.
     """
 
@@ -105,8 +109,8 @@ class CoupledKrylov:
     def solve(
         self, f: FloatArray, g: FloatArray, e: FloatArray, atol: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """u (c, n) in metres, z (c, m, 3), alpha (c, q), and the norms of the weighted residuals (c,), at most atol if
-        it converges; collective.
+        """u (c, n) in metres, z (c, m, 3), alpha (c, q), and the norms of the weighted residuals (c,), computed afresh,
+        of which it goes on to improve those above `_SURE` times atol; collective.
 
         Args:
             f, g, e: c right-hand sides, shapes (c, n), (c, m, 3), (c, q).
@@ -114,24 +118,26 @@ class CoupledKrylov:
         """
         self._n, self._m = f.shape[1], g.shape[1]
         right = self._joined(self._weight * f, self._rows * g, e)
-        solution = np.zeros_like(right)
-        sizes: FloatArray = np.array([self._over.norm(one) for one in right])
-        for attempt in range(_CYCLES):
-            wrong = np.flatnonzero(sizes > atol)
+        solution, left = np.zeros_like(right), right.copy()
+        sizes: FloatArray = np.array([self._over.norm(one) for one in left])
+        going, before = sizes > atol, np.full(len(right), np.inf)
+        for _ in range(_CYCLES):
+            wrong = np.flatnonzero(going)
             if not len(wrong):
                 break
-            left = right[wrong]
-            if attempt:
-                left = left - [self._image(solution[number]) for number in wrong]
-            spaces = [_Space(self._over, one) for one in left]
+            spaces = [_Space(self._over, left[number]) for number in wrong]
             for _ in range(_KEPT):
-                going = [one for one, number in zip(spaces, wrong, strict=True) if one.left > atol[number]]
-                if not going:
+                some = [one for one, number in zip(spaces, wrong, strict=True) if one.left > atol[number]]
+                if not some:
                     break
-                for one, z in zip(going, self._preconditioned(np.array([one.latest for one in going])), strict=True):
+                for one, z in zip(some, self._preconditioned(np.array([one.latest for one in some])), strict=True):
                     one.add(z, self._image(z))
-            solution[wrong] += [one.solution for one in spaces]
-            sizes[wrong] = [one.left for one in spaces]
+            for number, one in zip(wrong, spaces, strict=True):  # of large parts that cancel rounding errors are left
+                solution[number] += one.solution
+                left[number] = right[number] - self._image(solution[number])
+                sizes[number] = self._over.norm(left[number])
+            going = (sizes > _SURE * atol) & (sizes < _FALLING * before) & going
+            before = sizes.copy()
         return *self._parts(solution), sizes
 
     def _parts(self, v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
