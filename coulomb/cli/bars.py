@@ -208,8 +208,8 @@ def _entry(one: Sensitivity) -> dict[str, Any]:
 
 def sensitivity_entries(found: Sequence[Sensitivity], tolerances: bool | Mapping[str, float]) -> dict[str, Any]:
     """Of summary.json: `sensitivity`, where a step without end is null; with relative tolerances of inputs by their
-    names also `input_bars`, the root of the sum of the squares of what each does to the totals, and `unknown_inputs`,
-    names of no input that has not been 0 so far."""
+    names also `input_bars` of contacts and `other_input_bars`, the root of the sum of the squares of what each does to
+    the totals, and `unknown_inputs`, names of no input that has not been 0 so far."""
     entries: dict[str, Any] = {
         "sensitivity": [
             {**_entry(one), "falling": _entry(one.falling)} if one.falling else _entry(one) for one in found
@@ -219,13 +219,26 @@ def sensitivity_entries(found: Sequence[Sensitivity], tolerances: bool | Mapping
         return entries
     names = {one.name: one for one in found}
     entries["unknown_inputs"] = [name for name in tolerances if name not in names]
+    bars = [(part, names[name]) for name, part in tolerances.items() if name in names] or [(0.0, found[0])]
+
+    def together(given: list[Any]) -> Any:
+        parts = [part * np.asarray(value, dtype=np.float64) for (part, _), value in zip(bars, given, strict=True)]
+        return np.linalg.norm(parts, axis=0).tolist()
+
     entries["input_bars"] = {
-        face: {
-            total: np.linalg.norm(
-                [tolerances.get(name, 0.0) * np.asarray(one.totals[face][total]) for name, one in names.items()], axis=0
-            ).tolist()
-            for total in totals
-        }
+        face: {total: together([one.totals[face][total] for _, one in bars]) for total in totals}
         for face, totals in found[0].totals.items()
+    }
+    entries["other_input_bars"] = {
+        kind: {
+            name: {
+                total: together([one.others[kind][name][total] for _, one in bars])
+                for total, value in totals.items()
+                if value is not None
+            }
+            for name, totals in named.items()
+        }
+        for kind, named in found[0].others.items()
+        if all(kind in one.others for _, one in bars)  # probes have none along lengths
     }
     return entries

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import coulomb
+from coulomb.cli.bars import sensitivity_entries
 from coulomb.pictures.report import words
 
 
@@ -175,6 +176,20 @@ def test_reactions_probes_ties_bolts_rigid_faces_and_energies_are_those_of_centr
             difference = (more[kind, called, of] - less[kind, called, of]) / (2.0 * h)
             least = 1e-6 if of == "moment" else 1e-9  # moments about points where they are 0
             assert found == pytest.approx(difference, abs=1e-5 * size + least), (name, kind, called, of)
+
+
+def test_tolerances_of_inputs_give_all_totals_a_bar():
+    """The root of the sum of squares."""
+    found = sprung().solve().sensitivities()
+    by, tolerances = {one.name: one for one in found}, {"pressure on 'top'": 0.1, "young": 0.02}
+    entries = sensitivity_entries(found, tolerances)
+    for kind, called, of in (("probes", "below", "slip"), ("reactions", "spring_right", "force")):
+        each = [tolerances[name] * np.array(by[name].others[kind][called][of]) for name in tolerances]
+        bar = entries["other_input_bars"][kind][called][of]
+        assert bar == pytest.approx(np.hypot(*each)) and max(bar) > 0.0
+    assert entries["input_bars"]["bottom"]["normal_force"] > 0.0
+    none = sensitivity_entries(found, {"length": 0.1})
+    assert none["unknown_inputs"] == ["length"] and none["input_bars"]["bottom"]["force"] == [0.0, 0.0, 0.0]
 
 
 def test_the_totals_beside_forces_are_listed_by_what_changes_them():
