@@ -256,12 +256,13 @@ class LoadStepLoop:
         reached = results[-1].status if sizes[-1] <= tolerance else Status.STAGNATED
         whole = replace(together(results), x=x, status=reached, residual=certificate["natural residual"].value)
         evidence, certificate = settled_to(evidence, certificate, whole.unsettled)
-        if passage := self.shared.passage(begin, here, state.force_on_body, x):
-            raise self._cut(passage)
         methods = {**linear.methods, "kinematics": "large", "linear_problems": len(sizes) - 1}
         methods |= {"definite": True} if self._definite else {}
         self.shared.answered = self.elasticity, here
-        return self._answer(here, x, whole, evidence, certificate, at_points, methods, tuple(sizes))
+        answer = self._answer(here, x, whole, evidence, certificate, at_points, methods, tuple(sizes))
+        if (passage := self.shared.passage(begin, here, state.force_on_body, x)) and answer.valid:
+            raise self._cut(passage)
+        return answer
 
     def solution(self, result: SolverResult) -> Solution:
         """The state before a step that has failed, judged with the loads of its end; collective."""
