@@ -25,6 +25,7 @@ from ..fem.contact import (
     Pretension,
     Tied,
     refuse_uneven_sectors,
+    refuse_uneven_supports,
     rows_of,
     with_unknowns,
 )
@@ -309,8 +310,10 @@ class ContactBody:
             contact.gap_factor(time, self.comm)
 
     def refuse_held_inside(self, elasticity: Deformable, loading: Loading, exact: bool = False) -> None:
-        """Refuse supports that hold nodes of contact faces inside foundations, with the bodies and what is prescribed
-        at a time; arguments and errors as of `held_nodes.refuse_held_inside`; collective."""
+        """Refuse supports that hold nodes of contact faces inside foundations, or cut faces of a sector unevenly, with
+        the bodies and what is prescribed at a time; arguments and errors as of `held_nodes.refuse_held_inside`;
+        collective."""
+        refuse_uneven_supports(elasticity, loading)
         time, given = loading.time, loading.prescribed
         refuse_held_inside(self.contacts, self.foundations, self.held_in_pairs, elasticity, time, given, exact)
 

@@ -43,6 +43,7 @@ from .pair import (
 from .pair_evidence import Claims, Deviations, PairSamples, Surfaces
 from .passages import Ways, into_foundation, through_each_other
 from .sections import Pretension
+from .sectors import refuse_uneven_sectors, refuse_uneven_supports
 from .self_contact import two_sides
 from .slip import FaceMotion, foot_points
 from .surface import (
@@ -60,4 +61,4 @@ from .surface import (
     with_unknowns,
     without_noise,
 )
-from .ties import CyclicSymmetry, Tied, refuse_uneven_sectors, with_slaves
+from .ties import CyclicSymmetry, Tied, with_slaves

@@ -116,41 +116,6 @@ class CyclicSymmetry(Tied):
         return turns[int(np.argmin(off))]
 
 
-def refuse_uneven_sectors(body: Deformable) -> None:
-    """Refuse rigid faces that reach the cut faces of a sector, so are one with those of its neighbours, and move
-    otherwise than along the axis and about it; collective.
-
-    Raises:
-        ValueError: On every rank.
-    """
-    ties = body.constraints.every
-    for cut in (one for one in body.constraints.given if isinstance(one, CyclicSymmetry)):
-        on_cut = np.zeros(len(body.x), dtype=bool)
-        for name in (cut.face, cut.against):
-            member, facets = body.face(name, cut.kind)
-            on_cut[member.nodes.start + member.body.nodes_of(facets)] = True
-        axis, start = np.array(cut.axis) / np.linalg.norm(cut.axis), np.array(cut.point, dtype=np.float64)
-        for tie, motion in ((tie, tie.motion) for tie in ties if tie.motion is not None):
-            ways = np.column_stack([motion.motions, motion.given_part])
-            along, about = np.cross(axis, ways[3:].T), ways[3:].T
-            moved = ways[:3].T + np.cross(about, start - motion.place)  # a point of the axis
-            size = np.linalg.norm(ways[:3], axis=0) + np.linalg.norm(about, axis=1) * np.max(
-                np.abs(body.x), initial=0.0
-            )
-            uneven = np.linalg.norm(np.cross(axis, moved), axis=1) > _EVEN * size
-            uneven |= np.linalg.norm(along, axis=1) > _EVEN * np.linalg.norm(about, axis=1)
-            if body.comm.allreduce(bool(np.any(uneven) and np.any(on_cut[tie.nodes])), op=MPI.LOR):
-                place = ", ".join(f"{value:.4g}" for value in start + axis * (axis @ (motion.place - start)))
-                raise ValueError(
-                    f"rigid face {tie.face!r}: reaches the cut faces of the {cut.what}, where those of the other "
-                    "sectors go on: together they move along the axis and turn about it alone; prescribe translations "
-                    f"and rotations across it as 0, and give a point on it, as [{place}]"
-                )
-
-
-_EVEN: Final = 1e-9
-"""Part of a motion of a rigid face that is a rounding error beside motions along and about the axis."""
-
 # Faces that are tied: every slave node follows the master, u_slave = W u.
 #
 # With multipliers on all nodes, dual to functions N' with positive integrals, the condition

@@ -16,6 +16,7 @@ from coulomb import (
     NotConverged,
     Plane,
     PointLoad,
+    PrescribedDisplacement,
     PrescribedRotation,
     RigidFace,
     SymmetryPlane,
@@ -117,6 +118,38 @@ def test_contact_across_the_cut_is_said():
     """Where a run ends: with nearly matching meshes both sides share forces that nothing determines."""
     with pytest.raises(NotConverged, match=r"contact goes across the cyclic symmetry of .* match to rounding there"):
         spun(False, (2, 2, 1)).solve(solver=InteriorPoint(max_iterations=2))
+
+
+@pytest.mark.parametrize("sectors", [3, 4, 30])
+def test_supports_that_reach_the_cuts(sectors):
+    """Held along x in one sector is held along other directions in the next; around the axis or along it it is the
+    same.  A sector of an annulus whose cut faces have equal nodes."""
+    angle = 2.0 * np.pi / sectors
+
+    def place(x):
+        r = 1.0 + x[0]
+        return np.stack([r * np.cos(angle * x[1]), r * np.sin(angle * x[1]), 0.5 * x[2]])
+
+    def posed(*supports):
+        mesh = box((1.0, 1.0, 1.0), (1, 4, 1), place=place)
+        cut = CyclicSymmetry("front", "back", sectors=sectors)
+        return ContactProblem(mesh, STEEL, list(supports), Contact("bottom", 0.3), ties=[cut])
+
+    around = np.array([0.0, 0.0, 1.0])
+    for even in (
+        PrescribedRotation("top", (0.0, 0.0, 0.0), around, 1e-6),
+        PrescribedDisplacement("top", lambda x: np.stack([1e-6 * x[0], 1e-6 * x[1], -1e-6 + 0.0 * x[2]])),
+        PrescribedDisplacement("top", (0.0, 0.0, -1e-6), "z"),
+        Clamp("left", "normal"),
+    ):
+        posed(Clamp("top", "z"), even).refuse_held_inside() if isinstance(even, Clamp) else posed(even).solve()
+    for uneven in (
+        PrescribedDisplacement("top", (1e-7, 0.0, -1e-6)),
+        PrescribedDisplacement("top", lambda x: np.stack([0.0 * x[0], 0.0 * x[1], -1e-6 * x[0]]), "z"),
+        Clamp("top", "x"),
+    ):
+        with pytest.raises(ValueError, match=r"'front' to 'back': at time 0 supports hold the node at \["):
+            posed(Clamp("left", "z"), uneven).solve()
 
 
 def test_a_history_of_a_sector():
