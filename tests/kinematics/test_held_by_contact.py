@@ -78,6 +78,18 @@ def test_a_start_without_forces_is_none():
     assert np.max(np.abs(answer.rigid)) < 0.1
 
 
+@pytest.mark.parametrize("small_first", [True, False])
+def test_a_body_deep_in_another_is_refused(small_first):
+    """Its face is not before the other any more: nothing touched, and the answer was valid."""
+    mesh = join(low=box((0.1, 0.1, 0.1), (2, 2, 2)), up=moved(box((0.06, 0.06, 0.06), (2, 2, 2)), (0.02, 0.02, 0.07)))
+    faces = ("up:bottom", "low:top")[:: 1 if small_first else -1]
+    contact = Contact(faces[0], 0.3, against=faces[1], slave=True)
+    with pytest.raises(
+        ValueError, match=r"'up:bottom': at x = .* it is inside the body of 'low:top' before deformation"
+    ):
+        ContactProblem(mesh, RUBBER, [Clamp("low:bottom"), Clamp("up:top")], contact, kinematics="large")
+
+
 def test_a_block_leaves_another():
     """Lifted off, nothing presses; put back, the force is the same as before."""
     mesh = join(low=box((0.2, 0.1, 0.05), (4, 2, 1)), up=moved(box((0.1, 0.1, 0.05), (3, 2, 1)), (0.05, 0.0, 0.05)))

@@ -29,6 +29,7 @@ from .contact_points import ContactPoints, among_all, free_lengths
 from .facet_patch import FacetPatch, facet_patch
 from .mortar import LEAST_SHARE, MortarRows, mortar_rows
 from .near_facets import NearFace, near_pair, normals_at_nodes
+from .passages import refuse_inside
 from .surface import ContactSurface, matrices_of
 
 _AS_NEAR: Final = 1e-9
@@ -367,6 +368,9 @@ def pair_of(
                 f"{what}: all of its nodes are clamped, follow clamped ones, or are contact points of another face, "
                 f"and none is left against {against!r}: leave this pair out"
             )
+        if slave.body is not master.body and np.array_equal(elasticity.x, elasticity.reference):
+            refuse_inside(face, slave, on_slave, against, master)
+            refuse_inside(against, master, on_master, face, slave)
         if not large:
             raise Refused(
                 f"{what}: no part of it is opposite to {against!r}: the two must face each other, with outward normals "

@@ -10,11 +10,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from ...arrays import FloatArray, IntArray
-from ..bodies import turn_of
+from ...arrays import FloatArray, Int32Array, IntArray, in_words
+from ..bodies import Member, turn_of
 from ..geometry import RigidFoundation
-from .body_boundary import boxes_of, in_boxes
-from .facet_patch import FacetPatch
+from .body_boundary import boxes_of, in_boxes, in_tetrahedra, tetrahedra_of
+from .facet_patch import FacetPatch, facet_patch
 
 _STEEP: Final = 0.3
 """Sine of the angle to the surface above which a way leads into it: chords of arcs of less than 35 degrees around a
@@ -25,6 +25,9 @@ _SHORTEST: Final = 1.0 / 64.0
 
 _ROUNDING: Final = 1e-9
 """Heights below this part of a way, or of a facet, are on the surface."""
+
+_WITHIN: Final = 1e-3
+"""Least barycentric coordinate of a place that is inside a tetrahedron, and not on its surface."""
 
 _AT_ONCE: Final = 100_000
 """Pairs of nodes and triangles treated at once."""
@@ -101,3 +104,23 @@ def through_each_other(faces: Sequence[tuple[FacetPatch, ...]], comm: MPI.Comm) 
             into_facets(ways._replace(now=(ways.now - end) @ turn + start), Ways(then, (now - end) @ turn + start))
         )
     return np.concatenate(found)
+
+
+def refuse_inside(face: str, of: Member, facets: Int32Array, against: str, other: Member) -> None:
+    """ValueError on every rank if parts of a face are inside the body of the face against it, though neither is before
+    the other: as deep as that nothing says out of which side; collective."""
+    comm, patch, own = other.body.comm, facet_patch(of.body, facets), other.body.domain.topology.index_map(3).size_local
+    part = np.array([0.37, 0.29, 0.23, 0.11])[: patch.kind.corners]  # a place that is on no diagonal of a grid
+    places = np.einsum("n,fni->fi", part / part.sum(), patch.x[:, : len(part)])[:, None]
+    places = np.concatenate(comm.allgather(places))
+    nodes = other.body.points_of_cells(np.arange(own, dtype=np.int32))
+    tetrahedra = tetrahedra_of(other.body.domain.topology.cell_type, other.body.degree)
+    place, cell = in_boxes(boxes_of(places), boxes_of(nodes))
+    found, _, weights, _ = in_tetrahedra(places[place], nodes[cell], tetrahedra)
+    inside = places[place[found[weights.min(axis=1, initial=1.0) > _WITHIN]], 0]
+    every = [tuple(map(float, x)) for ranks in comm.allgather(inside) for x in ranks]
+    if every:
+        raise ValueError(
+            f"contact face {face!r}: at x = ({in_words(min(every))}) m it is inside the body of {against!r} before "
+            "deformation, too deep for a contact to push it out: move one of the bodies (coulomb.moved; translate)"
+        )
