@@ -79,7 +79,8 @@ def contradiction(problem: FrictionProblem, W: Any) -> str:
         return ""
     d = np.maximum(-np.asarray(found.ineqlin.marginals), 0.0)
     against = float(b_n @ d)
-    if not float(np.linalg.norm(rows.T @ d)) <= 1e-6 * against:
+    moved, own = np.abs(rows.T @ d), np.sqrt(np.maximum(W.diagonal(), 0.0))  # masses may be decades apart
+    if not (float(np.linalg.norm(moved)) <= 1e-6 * against and np.all(moved <= 1e-6 * own * float(own[0::3] @ d))):
         return ""
     worst = np.argsort(-d)[: min(_NAMED, int(np.count_nonzero(d > 1e-6 * d.max())))]
     names = ", ".join(str(k) for k in np.sort(worst))

@@ -11,7 +11,7 @@ from coulomb.solvers import Automatic, RegularisedNewton
 from coulomb.solvers.friction_problem import Task
 from coulomb.solvers.results import Goal
 from coulomb.solvers.rigid import cone_interior_point
-from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint, _ConeRun
+from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint, _ConeRun, contradiction
 from coulomb.solvers.rigid.cone_paths import ConeCurve
 from coulomb.solvers.rigid.cones import ConeProblem, Scales
 from coulomb.solvers.rigid.matrix_problems import _compliance
@@ -72,6 +72,13 @@ def test_no_forces_keep_a_body_between_closing_walls():
     assert failure.value.result.status is Status.NO_EQUILIBRIUM
     q[3] += 2e-2  # one comes, the other goes: the body goes along
     assert solve_coulomb(problem.W, -q, problem.mu).status is Status.CONVERGED
+
+
+def test_a_heavy_body_is_no_contradiction():
+    """Compliances of 1 and 1e-12: a force on the second contact moves it, though little."""
+    A, b = scipy.sparse.diags(np.repeat([1.0, 1e-12], 3)).tocsr(), np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
+    problem = coulomb.solvers.FrictionProblem.coulomb(_compliance(A), b, np.full(2, 0.5))
+    assert contradiction(problem, A) == ""
 
 
 def test_work_is_limited_by_counts():
