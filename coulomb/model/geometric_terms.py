@@ -92,12 +92,21 @@ class GeometricTerms:
     Args:
         problem: The linear problem at the answer, whose derivative is P.
         near: Without those of constraints and of loads that turn with their face (`TurningTerms`).
+        start: The same problem as it was posed, from which differences are taken forward: half of the work, with
+            errors of the order of their step; None for central ones.
 
     Attributes:
         following: In large motions the forces of constraints on nodes that follow, newtons, shape (k, 3).
     """
 
-    def __init__(self, problem: DiscreteProblem, x: FloatArray, u: FloatArray, near: bool = False):
+    def __init__(
+        self,
+        problem: DiscreteProblem,
+        x: FloatArray,
+        u: FloatArray,
+        near: bool = False,
+        start: DiscreteProblem | None = None,
+    ):
         self._problem, self._x, self._u = problem, x.reshape(-1, 3), u
         self._large, self._over = problem.body.undeformed is not None, Reductions(problem.comm)
         places, v = problem.elasticity.x, np.zeros_like(u) if self._large else u
@@ -108,6 +117,7 @@ class GeometricTerms:
         turns = self._large and bool(constraints.ties)
         self.following = constraints.lacking(left, problem.time) if turns else np.zeros_like(u)
         self._turns, self._near = turns and not near, near
+        self._start = None if start is None else self._in(start)
 
     def along(self, way: Way) -> Terms:
         """Along a way, to which they are in proportion; collective."""
@@ -122,7 +132,10 @@ class GeometricTerms:
             moved += [part * np.append(one.translation, self._extent * one.angle) for part, one in ways]
         size = max(self._over.max(np.abs(one).ravel()) for one in moved)
         h = _STEP * self._extent / size if size > 0.0 else 1.0
-        found = self._at(h, way).less(self._at(-h, way), 0.5 / h)
+        if self._start is None:
+            found = self._at(h, way).less(self._at(-h, way), 0.5 / h)
+        else:
+            found = self._at(h, way).less(self._start, 1.0 / h)
         linear, closed, apart = -found.load, found.c - self.relative(way.alpha), found.apart
         if self._turns:
             linear = linear - body.reduction.on_followed(found.turned)

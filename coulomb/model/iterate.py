@@ -1,5 +1,5 @@
-"""Iterates of a load step of large motions: each with its linear contact problem and what judges it there; contact
-forces from one to the next, and their acceleration."""
+"""Iterates of a load step of large motions: each with its linear contact problem and what judges it there, and contact
+forces from one to the next."""
 
 from __future__ import annotations
 
@@ -27,7 +27,6 @@ from ..linalg.factors import NotPositiveDefinite
 from ..linalg.reductions import Reductions
 from ..solvers.friction_problem import FrictionProblem
 from ..solvers.rigid_motions import NO_MOTION
-from ..solvers.successive_tresca import Anderson
 from .certificate import Evidence
 from .certificate_scales import rounding_of_gaps
 from .contact_faces import StatePoints
@@ -35,18 +34,6 @@ from .discrete_problem import DiscreteProblem
 from .problem_evidence import gather_evidence
 from .stability import Stability, stability
 from .state import State
-
-_MEMORY: Final = 5
-"""Differences of iterates by which they are accelerated."""
-
-NEAR: Final = 1e-2
-"""Residual below which they are."""
-
-_LINEAR = (0.03, 0.95)
-"""Ratios of successive changes of the displacement between which convergence is linear: below it is faster."""
-
-_WORTH: Final = 0.3
-"""Part of the residual before an accelerated iterate, which has made it larger, that the next one must reach."""
 
 _OPPOSITE: Final = 1e-6
 """One more than the cosine of the angle of two normals, at least: forces are not carried between opposite ones."""
@@ -74,40 +61,6 @@ class CarriedForces:
         axis, cosine = np.cross(n, m), np.einsum("ki,ki->k", n, m)[:, None]
         along = np.einsum("ki,ki->k", axis, f)[:, None] / np.maximum(1.0 + cosine, _OPPOSITE)
         return surface.force_components(cosine * f + np.cross(axis, f) + along * axis).ravel()
-
-
-class Path:
-    """The iterates of a load step, accelerated where they converge linearly: displacement, and contact forces times the
-    mean compliance, by Anderson's method."""
-
-    def __init__(self, over: Reductions):
-        self._over, self._anderson, self._last = over, Anderson(_MEMORY, over), np.inf
-        self._goal, self._ends = np.inf, False
-
-    def restart(self) -> None:
-        self._anderson.restart()
-
-    def judge(self, size: float, before: float, accelerated: bool) -> None:
-        """An iterate has this residual: one that makes it larger has to be worth it in the next, or is the last."""
-        self._ends |= size > self._goal
-        self._goal = _WORTH * before if accelerated and size > before else np.inf
-
-    def next(
-        self, u: FloatArray, du: FloatArray, before: CarriedForces, after: CarriedForces, compliance: float
-    ) -> tuple[FloatArray, CarriedForces] | None:
-        """The change of the displacement u and the next forces, from those that the linear problem has; None where
-        these are as good; collective."""
-        point = np.concatenate([u, compliance * before.vectors])
-        change = np.concatenate([du, compliance * (after.vectors - before.vectors)])
-        size, last = self._over.norm(du), self._last
-        self._last = size
-        if size > _LINEAR[1] * last:
-            self.restart()
-        mixed = self._anderson.next(point.ravel(), change.ravel(), 1.0).reshape(-1, 3) - point
-        if self._ends or not _LINEAR[0] * last < size <= _LINEAR[1] * last:
-            return None
-        forces = before.vectors + mixed[len(u) :] / compliance
-        return mixed[: len(u)], replace(after, vectors=forces)
 
 
 _STIFFER: Final = 10.0

@@ -29,14 +29,14 @@ from ..linalg.reductions import Reductions
 from ..linalg.solve_errors import CGNotConverged
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
-from ..solvers.successive_tresca import Anderson
 from .certificate import LIMIT, Certificate, Evidence, judge, settled_to
 from .certificate_scales import place_of_largest
 from .discrete_problem import DiscreteProblem
 from .equilibrium import refuse_without_equilibrium
-from .iterate import NEAR, CarriedForces, Iterate, Linearised, Path, linearised
+from .iterate import CarriedForces, Iterate, Linearised, linearised
 from .load_step import ended
 from .load_steps import LoadSteps
+from .newton_step import Step, newton_step
 from .notebook import residuals_shown
 from .solution import Solution
 from .solving import LinearAnswer, size_of, solved_on_the_way, together
@@ -59,15 +59,6 @@ and where other bodies hold them no springs stand for contact."""
 
 _PERTURBED: Final = (1.0, 3.0, 0.3)
 """Amplitudes of the mode of an unstable answer over its largest displacement, one after the other."""
-
-_ASKEW_MOST: Final = 10
-"""Largest number of solutions of a linear problem with forces of the part of the tangent that is not symmetric."""
-
-_ASKEW_PART: Final = 0.01
-"""Change of the displacement over the first such change to which they agree: convergence is quadratic with it."""
-
-_ASKEW_MEMORY: Final = 5
-"""Differences by which they are accelerated."""
 
 _FAR: Final = 1e6
 """Largest displacement over the size of the bodies."""
@@ -182,22 +173,32 @@ class LoadStepLoop:
         )
 
     def _whole_step(self, state: State, u: FloatArray, tolerance: float, solve: _Solve) -> Solution:
-        """Of bodies that slide on each other, with bolts, or under loads that follow their surface, by accelerated
-        iterates, and if these fail, by the others: else iterates converge fast enough."""
-        contacts = self.shared.contacts
-        pairs, loads = any(one.against for one in contacts), any(one.load for one in contacts)
+        """Of bodies that slide on each other, with bolts, or under loads that follow their surface, by exact Newton
+        steps, and if these fail, by those of the linear problems alone: else these converge fast enough."""
+        pairs = any(one.against for one in self.shared.contacts)
         followed = any(nonlinear(one.body).follows for one in self.elasticity.members)
-        if (pairs or followed or self.elasticity.constraints.bolts) and not loads:
+        if pairs or followed or self.elasticity.constraints.bolts:
             try:
-                return self._solved_from(state, u, tolerance, solve, accelerate=True)
+                return self._solved_from(state, self._ahead(state, u), tolerance, solve, exact=True)
             except StepCut as failure:
-                _log.debug("accelerated: %s", failure)
-        return self._solved_from(state, u, tolerance, solve, accelerate=False)
+                _log.debug("with exact Newton steps: %s", failure)
+        return self._solved_from(state, u, tolerance, solve, exact=False)
 
-    def _solved_from(self, state: State, u: FloatArray, tolerance: float, solve: _Solve, accelerate: bool) -> Solution:
-        """The answer of a step from a state, by iterates that begin at a displacement u (k, 3)."""
+    def _ahead(self, state: State, u: FloatArray) -> FloatArray:
+        """Where a step begins that goes on as the one before, metres, (k, 3): u if there is none, or u is elsewhere."""
+        earlier = state.before
+        if earlier is None or u is not state.displacement or not state.time > earlier.time:
+            return u
+        ahead = u + (self.time - state.time) / (state.time - earlier.time) * (u - earlier.displacement)
+        ratios = [nonlinear(one.body).least_volume_ratio(ahead[one.nodes]) for one in self.elasticity.members]
+        return ahead if np.min(ratios) > 0.0 else u
+
+    def _solved_from(self, state: State, u: FloatArray, tolerance: float, solve: _Solve, exact: bool) -> Solution:
+        """The answer of a step from a state, by iterates that begin at a displacement u (k, 3); by exact Newton steps
+        (`newton_step`), or those of the linear problems."""
         begin = self._begun(state)
         start = begin.start()
+        self._start = state, start
         here = self._iterate(state, u, self.time, start, state.poses)
         points = self.shared.points
         x, sizes, found = self._carried(state, begin).at(here.problem.surface, points), [np.inf], False
@@ -208,25 +209,28 @@ class LoadStepLoop:
             """Whether an iterate of this certificate, the last of the sizes, is the answer."""
             return certificate.passed and (sizes[-1] <= tolerance or (found and sizes[-1] > 0.5 * max(sizes[-3:-1])))
 
-        results, path = list[SolverResult](), Path(Reductions(self.comm))
+        results = list[SolverResult]()
         for _ in range(_MOST):
+            posed = here.problem
             linear = self._linear(here, x, solve, found)
             results.append(linear.result)
-            linear = self._with_askew_part(here, linear, results, solve, found)
-            du, surface, compliance = linear.displacement, here.problem.surface, here.problem.mean_compliance
-            before, after = (CarriedForces.of(of, surface, points) for of in (x, linear.contact_force))
+            surface, answer = here.problem.surface, Step(linear.displacement, linear.contact_force, linear.result.rigid)
+            before = CarriedForces.of(x, surface, points)
             known = np.zeros((len(points.nodes), 3))
             known[points.places(surface)] = here.problem.compliances
-            ways = [(du, after, 0.5**k) for k in range(_BACKTRACKS)]
-            if accelerate and sizes[-1] < NEAR and (mixed := path.next(here.u, du, before, after, compliance)):
-                ways.insert(0, (*mixed, 1.0))
-            for way, forces, part in ways:
-                poses = here.problem.state.poses_after(part * linear.result.rigid)
-                there, accelerated = self._moved(here, part * way, state, start, poses), way is not du
+            ways = [(answer, 0.5**k) for k in range(_BACKTRACKS)]
+            if exact:
+                here.problem.iterate = self._elsewhere
+                if step := newton_step(here.problem, posed, here.u, answer, sizes[-1]):
+                    ways.insert(0, (step, 1.0))
+            for way, part in ways:
+                poses = here.problem.state.poses_after(part * way.rigid)
+                there = self._moved(here, part * way.displacement, state, start, poses)
                 if there is not None:
-                    between = (1.0 - part) * before.vectors + part * forces.vectors
-                    x = replace(forces, vectors=between).at(there.problem.surface, points)
-                    if accelerated:  # back into the cone
+                    after = CarriedForces.of(way.contact_force, surface, points)
+                    between = (1.0 - part) * before.vectors + part * after.vectors
+                    x = replace(after, vectors=between).at(there.problem.surface, points)
+                    if way is not answer:  # back into the cone
                         x = there.problem.law.project(x, x[0::3])
                     at_points = known[points.places(there.problem.surface)]
                     evidence = there.problem.evidence_here(x, at_points, by_lines=False)
@@ -234,12 +238,10 @@ class LoadStepLoop:
                     size, worst = size_of(certificate), (evidence, there.problem.surface)
                     if np.isfinite(size) and size <= _WORSE * sizes[-1]:
                         break
-                path.restart()
             else:
                 raise self._cut(
                     f"no part of the change of the displacement makes the residual smaller{_largest(worst)}"
                 )
-            path.judge(size, sizes[-1], accelerated)
             _log.debug("outer iteration %d: residual %.2e, part %g", len(sizes), size, part)
             self._count(here)
             here = there
@@ -358,38 +360,6 @@ class LoadStepLoop:
             return answer
         self._failed = ""
         raise self._cut(f"a linear problem has no answer: {why}")
-
-    def _with_askew_part(
-        self, here: Iterate, answer: LinearAnswer, results: list[SolverResult], solve: _Solve, closer: bool
-    ) -> LinearAnswer:
-        """The answer of the linear problem, of which the load has the forces of the part of the tangent that is not
-        symmetric: found from that without, by Anderson's method with the same factors; collective."""
-        bodies, over = [(nonlinear(one.body), one.nodes) for one in here.body.members], Reductions(self.comm)
-        state, du, mixing, first = here.problem.state, answer.displacement, Anderson(_ASKEW_MEMORY, over), np.inf
-        for _ in range(_ASKEW_MOST):
-            askew = [(one.askew_force(du[nodes]), nodes) for one, nodes in bodies]
-            load = state.loading.load.copy()
-            for forces, nodes in askew:
-                load[nodes] -= 0.0 if forces is None else forces
-            if over.all(np.array_equal(load, state.loading.load)):
-                break
-            changed = replace(state, loading=replace(state.loading, load=load))
-            problem = here.problem.in_state(changed, here.problem.seconds, here.problem.before)
-            try:
-                answer = solve(problem, answer.contact_force, closer)
-            except NotConverged as failure:
-                if failure.result.status is Status.INTERRUPTED:
-                    raise
-                _log.debug("with the part of the tangent that is not symmetric: %s", failure)
-                break
-            results.append(answer.result)
-            change = answer.displacement - du
-            size = over.norm(change)
-            first = size if first == np.inf else first
-            if size <= _ASKEW_PART * first:
-                break
-            du = mixing.next(du.ravel(), change.ravel(), 1.0).reshape(-1, 3)
-        return answer
 
     def _cut(self, why: str) -> StepCut:
         """With what was tried, and may help."""

@@ -186,7 +186,7 @@ class HyperelasticBody(NonlinearBody):
             faces=mesh,
             update=self._at_time,
         )
-        self._askew = self._askew if self._follow else None
+        self._follows = bool(self._follow)
         self._energy = self._at_function(energy)
         self._pressure_forms = [self._at_function(-one) for one in pressures]
         self._siblings = dict[tuple[bool, ...], HyperelasticBody]()

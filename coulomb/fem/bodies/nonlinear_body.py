@@ -60,7 +60,7 @@ class NonlinearBody(FormBody):
 
     Displacements are Lagrange vectors of first or second order, as of `Body`; all coordinates in the forms are those
     before deformation.  The tangent is UFL's derivative.  Where a surface load follows the surface the tangent is not
-    symmetric; its symmetric part is the stiffness, and the rest adds to the load (`askew_force`).
+    symmetric; its symmetric part is the stiffness.
 
     Args:
         energy: Potential energy, a form without arguments: that of the strains less the work of the loads.
@@ -109,10 +109,7 @@ class NonlinearBody(FormBody):
         whole = inside if self._on_facets is None else inside + self._on_facets
         with _at(displacement):
             super().__init__(whole, -F, bcs, faces, update=update)
-        self._du, self._askew = fem.Function(self.V), None  # of an energy it is 0
-        if surface is not None and energy is None:
-            askew = ufl.action(0.5 * (surface - ufl.adjoint(surface)), self._du)
-            self._askew = compiled(askew, "tangent", self.comm)
+        self._follows = surface is not None and energy is None
         self._undeformed: FloatArray = self.x
         self._function = fem.Function(self.V)
         dead = terms_without(displacement, ufl.algorithms.expand_derivatives(F))
@@ -200,17 +197,7 @@ class NonlinearBody(FormBody):
     @property
     def follows(self) -> bool:
         """Whether loads follow the displacement with a tangent that is not symmetric."""
-        return self.resists_translation
-
-    def askew_force(self, du: FloatArray) -> FloatArray | None:
-        """Internal forces (k, 3) of a change du (k, 3) of the displacement, by the part of the tangent that is not
-        symmetric, which the stiffness is without; None where there is no such part; collective."""
-        if self._askew is None:
-            return None
-        self._du.x.array[: du.size] = du.ravel()
-        self._du.x.scatter_forward()
-        with self._a.with_coefficients(self.place.values):
-            return self._askew.vector()
+        return self._follows
 
     @property
     def undeformed(self) -> NonlinearBody:
