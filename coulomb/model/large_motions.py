@@ -179,13 +179,15 @@ class LoadStepLoop:
         followed = any(nonlinear(one.body).follows for one in self.elasticity.members)
         if pairs or followed or self.elasticity.constraints.bolts:
             try:
-                return self._solved_from(state, self._ahead(state, u), tolerance, solve, exact=True)
+                begin = self._ahead(state, u) if pairs else u
+                return self._solved_from(state, begin, tolerance, solve, exact=True)
             except StepCut as failure:
                 _log.debug("with exact Newton steps: %s", failure)
         return self._solved_from(state, u, tolerance, solve, exact=False)
 
     def _ahead(self, state: State, u: FloatArray) -> FloatArray:
-        """Where a step begins that goes on as the one before, metres, (k, 3): u if there is none, or u is elsewhere."""
+        """Where a step begins that goes on as the one before, metres, (k, 3): nodes of faces that slide are then before
+        the right facets; u if there is none, or u is elsewhere."""
         earlier = state.before
         if earlier is None or u is not state.displacement or not state.time > earlier.time:
             return u

@@ -20,6 +20,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
+from ..linalg.solve_errors import CGNotConverged
 from ..solvers.derivatives import Change, derivatives
 from ..solvers.successive_tresca import Anderson
 from .discrete_problem import DiscreteProblem
@@ -67,7 +68,7 @@ def newton_step(
         change = Change(-left_out.c.ravel(), left_out.bound, left_out.e, f)
         try:
             (owed,) = derivatives(problem.friction_problem, x, [change])
-        except ValueError:
+        except (ValueError, CGNotConverged):
             return None
         step = du + problem.moved(reduction.displacement(owed.u.reshape(-1, 3)), owed.alpha)
         after = np.concatenate([step.ravel(), here * (alpha + owed.alpha)])

@@ -296,6 +296,7 @@ class _Derivatives(SemismoothIteration):
             local = np.ones_like(local)
         rows = 1.0 / (scale * np.maximum(np.abs(at.P).sum(axis=2), np.abs(at.Q).sum(axis=2) * local))
         weight = over.min(1.0 / scale)
+        weight = weight if np.isfinite(weight) else 1.0  # without contact points
         self._inverse.move(at)
         krylov = CoupledKrylov(
             self._body,
