@@ -58,7 +58,21 @@ def test_bodies_that_are_stable_on_each_other_alone():
     upper = RubberBlock(drawn(0.5, 0.0), cells=(2, 2, 2), size=(0.8, 0.8, 0.5), at=(0.1, 0.1, 0.5))
     contact = coulomb.Contact("upper:bottom", against="lower:top", friction=0.6)
     found = solutions(coulomb.join(lower=lower.body, upper=upper.body), contact, [0.5, 1.0])
-    assert max(counts(found)) <= 8 and "definite" not in found[1].methods
+    assert max(counts(found)) <= 6 and "definite" not in found[1].methods
+
+
+def test_a_block_drawn_over_a_block():
+    """What the linear problem leaves out, that forces move along the lower face, has the factor 0.5 between iterates,
+    and took up to 23."""
+    lower = RubberBlock(cells=(6, 1, 2), size=(1.6, 0.4, 0.5), held="bottom")
+    upper = RubberBlock(drawn(0.1, 0.6), cells=(3, 1, 2), size=(0.6, 0.4, 0.4), at=(0.1, 0.0, 0.5))
+    contact = coulomb.Contact("upper:bottom", against="lower:top", friction=0.3)
+    found = solutions(coulomb.join(lower=lower.body, upper=upper.body), contact, [0.5, 1.0, 1.25, 1.5, 1.75])
+    assert max(counts(found)) <= 6
+    for step in found:
+        before, after = np.array(step.residuals[1:-1]), np.array(step.residuals[2:])
+        near = before < 1e-2
+        assert np.all(after[near] < np.maximum(0.05 * before[near], 1e-9))
 
 
 def sharp_punch(cells, depth, sides=()):
@@ -80,16 +94,16 @@ def test_a_sharp_edge_that_comes_over_nodes_opposite_to_it():
     assert max(counts([step.solution for step in steps])) <= 6
 
 
-def test_changes_that_alternate_are_accelerated():
+def test_changes_that_alternate_by_linear_problems():
     """Behind a punch that is drawn along: their ratio is -0.75."""
     sides = "block:front", "block:back", "punch:front", "punch:back"
     steps = coulomb.LoadHistory([1.0, 1.75], halvings=0).steps(sharp_punch(2, 0.05, sides))
-    assert max(counts([step.solution for step in steps])) <= 14
+    assert max(counts([step.solution for step in steps])) <= 6
 
 
 @pytest.mark.parametrize(("cells", "cell", "degree"), [(2, "hexahedron", 1), (1, "tetrahedron", 2)])
 def test_a_pressure_that_follows_the_surface(cells, cell, degree):
-    """Its tangent is not symmetric where the face ends: that part adds to the load; without, steps took up to 21."""
+    """Its tangent is not symmetric where the face ends, of which the stiffness has no part: steps took up to 21."""
     clamp, pressure = coulomb.Clamp("bottom"), coulomb.Pressure("top", 3e5, [(0.0, 0.0), (1.0, 1.0)])
     wall = coulomb.Contact("right", 0.3, foundation=coulomb.Plane((1.3, 0.0, 0.0), (-1.0, 0.0, 0.0)))
     mesh, rubber = coulomb.box((1.0, 1.0, 1.0), 3 * (cells,), cell, degree=degree), coulomb.NeoHookean(1e6, 0.3)
