@@ -181,7 +181,9 @@ class LoadStepLoop:
             try:
                 begin = self._ahead(state, u) if pairs else u
                 return self._solved_from(state, begin, tolerance, solve, exact=True)
-            except StepCut as failure:
+            except (CGNotConverged, NotPositiveDefinite, Refused, NotConverged) as failure:
+                if isinstance(failure, NotConverged) and failure.result.status is Status.INTERRUPTED:
+                    raise
                 _log.debug("with exact Newton steps: %s", failure)
         return self._solved_from(state, u, tolerance, solve, exact=False)
 
