@@ -61,13 +61,14 @@ def newton_step(
     terms, mixing = GeometricTerms(problem, x, u, start=posed), Anderson(_MOST, over)
     here = problem.comm.rank == 0  # which has the amounts of free motions
     point, count = np.concatenate([du.ravel(), here * alpha]), du.size
+    linear_problem, local = problem.linear, 1.0 / problem.linear.node_stiffness
     accuracy = np.clip(np.sqrt(residual), *_ACCURACY)
     for _ in range(_MOST):
         left_out = terms.along(Way(point[:count].reshape(-1, 3), over.total(point[count:])))
         f = reduction.along(left_out.load, None).ravel()
         change = Change(-left_out.c.ravel(), left_out.bound, left_out.e, f)
         try:
-            (owed,) = derivatives(problem.friction_problem, x, [change])
+            (owed,) = derivatives(problem.friction_problem, linear_problem.formed_A, local, x, [change])
         except (ValueError, CGNotConverged):
             return None
         step = du + problem.moved(reduction.displacement(owed.u.reshape(-1, 3)), owed.alpha)
