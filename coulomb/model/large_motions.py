@@ -218,14 +218,15 @@ class LoadStepLoop:
             posed = here.problem
             linear = self._linear(here, x, solve, found)
             results.append(linear.result)
-            surface, answer = here.problem.surface, Step(linear.displacement, linear.contact_force, linear.result.rigid)
+            surface = here.problem.surface
+            whole_way = Step(linear.displacement, linear.contact_force, linear.result.rigid)
             before = CarriedForces.of(x, surface, points)
             known = np.zeros((len(points.nodes), 3))
             known[points.places(surface)] = here.problem.compliances
-            ways = [(answer, 0.5**k) for k in range(_BACKTRACKS)]
+            ways = [(whole_way, 0.5**k) for k in range(_BACKTRACKS)]
             if exact:
                 here.problem.iterate = self._elsewhere
-                if step := newton_step(here.problem, posed, here.u, answer, sizes[-1]):
+                if step := newton_step(here.problem, posed, here.u, whole_way, sizes[-1]):
                     ways.insert(0, (step, 1.0))
             for way, part in ways:
                 poses = here.problem.state.poses_after(part * way.rigid)
@@ -234,7 +235,7 @@ class LoadStepLoop:
                     after = CarriedForces.of(way.contact_force, surface, points)
                     between = (1.0 - part) * before.vectors + part * after.vectors
                     x = replace(after, vectors=between).at(there.problem.surface, points)
-                    if way is not answer:  # back into the cone
+                    if way is not whole_way:  # back into the cone
                         x = there.problem.law.project(x, x[0::3])
                     at_points = known[points.places(there.problem.surface)]
                     evidence = there.problem.evidence_here(x, at_points, by_lines=False)
