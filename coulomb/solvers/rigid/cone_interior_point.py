@@ -151,6 +151,8 @@ class _ConeRun:
                 self._proximal_steps(nearer, self._settings.proximal, self._share(_OF_STEPS))
                 for number in range(self._settings.curves):
                     self._follow_curve(self._settings.work, number)
+                if self._cones.matrix.operations > self._settings.work:
+                    status = Status.MAX_ITERATIONS
         except _Ended as end:
             status = end.status
         if self._best[0] == math.inf:  # it ended before any point was judged
@@ -351,7 +353,7 @@ class ConeInteriorPoint(SolverSettings):
     curve: int = within("[0, inf)", 300)
     proximal: int = within("[0, inf)", 500)
     curves: int = within("[0, inf)", 16)
-    work: float = within("(0, inf)", 3e11)
+    work: float = within("(0, inf)", 2e11)
     systems: int = within("[1, inf)", 6000)
 
     name = "cone interior point"

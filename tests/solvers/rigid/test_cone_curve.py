@@ -64,6 +64,7 @@ def test_the_first_curve_leaves_work_to_others(monkeypatch):
     with pytest.raises(NotConverged, match="Newton steps") as failure:
         solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(work=4e9))
     result = failure.value.result
+    assert result.status is Status.MAX_ITERATIONS
     (first, path), (second, steps) = begun[:2]
     assert (first, second) == (None, 0)
     left = 4e9 - path
