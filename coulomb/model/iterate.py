@@ -249,7 +249,8 @@ class Iterate:
         accumulated, force = before.accumulated.at(at), before.force_on_body[at]
         then = replace(there, slip_rate=before.slip_rate[at], accumulated=accumulated, force_before=force)
         if start is not None:
-            slip = start.slip(self.body, there.surface, there.foundation_motions, self.foundations)
+            given = posed.body.given_gap(there.surface, time)
+            slip = start.slip(self.body, there.surface, given, there.foundation_motions, self.foundations)
             each_of = zip(posed.body.contacts, there.foundation_motions, start.motions, strict=True)
             spins = (
                 None if one.rotation is None else spin(now, at_start, time - before.time)

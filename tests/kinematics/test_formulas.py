@@ -326,3 +326,38 @@ def test_a_problem_that_is_turned_as_a_whole_has_the_forces_turned():
 
     for before, after in zip(drawn(np.eye(3), np.zeros(3)), drawn(Q, shift), strict=True):
         assert np.abs(after - before @ Q.T).max() < 1e-9 * np.abs(before).max()
+
+
+@pytest.mark.parametrize("hollow", [False, True])
+def test_friction_work_of_a_press_fit_is_torque_times_angle(hollow):
+    """A quarter of a rubber tube on a rigid pin, or in a rigid hole, with an interference of a tenth of the pin's
+    radius: when all of it slips, torque times angle goes into friction, at the radius where the tube is."""
+    inner, outer = 0.01, 0.016
+
+    def place(x):
+        angle, r = 0.5 * np.pi * x[0], inner + (outer - inner) * x[2]
+        return np.array([r * np.cos(angle), r * np.sin(angle), 0.01 * x[1]])
+
+    face, held = ("top", "bottom") if hollow else ("bottom", "top")
+    axis = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+    problem = coulomb.ContactProblem(
+        coulomb.box((1.0, 1.0, 1.0), (4, 1, 1), place=place),
+        coulomb.NeoHookean(5e6, 0.45),
+        [coulomb.Clamp("front", "z"), coulomb.Clamp("back", "z")],
+        coulomb.Contact(
+            face,
+            0.3,
+            foundation=coulomb.Cylinder(*axis, outer if hollow else inner, hollow=hollow),
+            gap=-1e-3,
+            gap_amplitude=[(0, 0), (1, 1)],
+            rotation=coulomb.Rotation(*axis, [(0, 0), (1, 0), (2, 0.6), (3, 0.7)]),
+        ),
+        ties=[coulomb.CyclicSymmetry("left", "right", sectors=4)],
+        springs=[coulomb.Spring(held, 2e8)],
+        kinematics="large",
+    )
+    *_, before, after = coulomb.LoadHistory([1.0, 2.0, 3.0]).steps(problem)
+    totals = after.solution.at_nodes.totals(0)
+    torque, radius = abs(totals["moment"][2]), 0.015 if hollow else 0.011
+    assert after.solution.valid and torque == pytest.approx(0.3 * totals["normal_force"] * radius, rel=1e-6)
+    assert after.state.energy.dissipated - before.state.energy.dissipated == pytest.approx(0.1 * torque, rel=1e-6)

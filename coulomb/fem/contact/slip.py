@@ -1,8 +1,9 @@
 """Slip over a load step, measured on the surface that is slid on, whatever motion both have in common.
 
 On a rigid foundation a node has a foot point, fixed in the foundation's coordinates: slip is the way of the foot point
-since the start of the step, along the arc, in the direction of its chord in the present tangent plane.  It is exactly 0
-where the node has stayed on its place of the foundation, however far this has moved.
+since the start of the step, along the arc, in the direction of its chord in the present tangent plane; with a given gap
+g the way on the surface at the distance -g, longer by -g times the angle of the arc.  It is exactly 0 where the node
+has stayed on its place of the foundation, however far this has moved.
 
 Of two deformable faces, contact point j has the averages D x of the slave and M x of the master.  With the weights of
 the start of the step these are of the points that were opposite then, with the present ones of those that are now: slip
@@ -55,16 +56,22 @@ class FaceMotion:
     x: FloatArray
 
     def slip(
-        self, body: Deformable, surface: ContactSurface, motions: Sequence[RigidMotion], foundations: Foundations
+        self,
+        body: Deformable,
+        surface: ContactSurface,
+        given: FloatArray,
+        motions: Sequence[RigidMotion],
+        foundations: Foundations,
     ) -> FloatArray:
-        """Slip since the start of the step at the contact points of a surface, space vectors in metres, shape (m, 3);
-        collective."""
+        """Slip since the start of the step at the contact points of a surface with given gaps (m,), space vectors in
+        metres, shape (m, 3); collective."""
         slip = np.zeros_like(surface.x)
         present, normals = foot_points(body, surface.faces, motions, foundations)
         for part, feet in present.items():
-            here, way = surface.part == part, _along_arc(feet - self.feet[part], normals[part], self.normals[part])
+            here, ways = surface.part == part, _along_arc(feet - self.feet[part], normals[part], self.normals[part])
             # of points that are averages of nodes: of the feet of these
-            slip[here] = motions[part].turned(surface.points.average(np.nan_to_num(way))[here])
+            way, turn = (surface.points.average(np.nan_to_num(of))[here] for of in ways)
+            slip[here] = motions[part].turned(way - given[here, None] * turn)
         paired = surface.points.opposite is not None
         if body.comm.allreduce(paired):
             slip += self._between_faces(body, surface, foundations)
@@ -103,13 +110,16 @@ def _foot(foundation: RigidFoundation, x: FloatArray) -> tuple[FloatArray, Float
     return x, foundation.normal(x) if len(x) else x
 
 
-def _along_arc(chord: FloatArray, now: FloatArray, then: FloatArray) -> FloatArray:
-    """Vectors in the present tangent plane along chords (k, 3), as long as the arcs between normals (k, 3)."""
+def _along_arc(chord: FloatArray, now: FloatArray, then: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Vectors in the present tangent plane along chords (k, 3): as long as the arcs between normals (k, 3), and as the
+    angles of these in radians, against the chord where normals converge, as inside a cylinder."""
     tangent = chord - np.einsum("ki,ki->k", chord, now)[:, None] * now
     length, along = np.linalg.norm(chord, axis=1), np.linalg.norm(tangent, axis=1)
     half = 0.5 * np.arctan2(np.linalg.norm(np.cross(then, now), axis=1), np.einsum("ki,ki->k", then, now))
     arc = np.where(half > _PARALLEL, length * half / np.sin(np.maximum(half, _PARALLEL)), length)
-    return tangent * np.divide(arc, along, out=np.zeros_like(arc), where=along > 0.0)[:, None]
+    unit = tangent * np.divide(1.0, along, out=np.zeros_like(along), where=along > 0.0)[:, None]
+    angle = 2.0 * half * np.sign(np.einsum("ki,ki->k", chord, now - then))
+    return unit * arc[:, None], unit * angle[:, None]
 
 
 def _separation(surface: ContactSurface, x: FloatArray) -> FloatArray:
