@@ -120,7 +120,8 @@ class CoupledKrylov:
         right = self._joined(self._weight * f, self._rows * g, e)
         solution, left = np.zeros_like(right), right.copy()
         sizes: FloatArray = np.array([self._over.norm(one) for one in left])
-        going, before = sizes > atol, np.full(len(right), np.inf)
+        before: FloatArray = np.full(len(right), np.inf)
+        going = sizes > atol
         for _ in range(_CYCLES):
             wrong = np.flatnonzero(going)
             if not len(wrong):
