@@ -368,7 +368,8 @@ def pair_of(
                 f"{what}: all of its nodes are clamped, follow clamped ones, or are contact points of another face, "
                 f"and none is left against {against!r}: leave this pair out"
             )
-        if slave.body is not master.body and np.array_equal(elasticity.x, elasticity.reference):
+        undeformed = comm.allreduce(np.array_equal(elasticity.x, elasticity.reference), op=MPI.LAND)
+        if slave.body is not master.body and undeformed:
             refuse_inside(face, slave, on_slave, against, master)
             refuse_inside(against, master, on_master, face, slave)
         if not large:
