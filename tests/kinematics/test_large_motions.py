@@ -97,8 +97,9 @@ def test_slip_on_a_sphere_is_as_long_as_the_arc_in_the_present_tangent_plane():
     angle, start, radius = np.array([1e-6, 0.01, 0.5, 2.0, 3.0]), 0.3, 2.5
     then, now = normal(np.full(5, start)), normal(start + angle)
     tangent = np.column_stack([np.cos(start + angle), np.zeros(5), -np.sin(start + angle)])
-    slip = along_arc(radius * (now - then), now, then)
+    slip, turns = along_arc(radius * (now - then), now, then)
     assert slip == pytest.approx(radius * angle[:, None] * tangent, rel=1e-8, abs=1e-12)
+    assert turns == pytest.approx(angle[:, None] * tangent, rel=1e-8, abs=1e-12)
 
 
 def test_a_rotation_by_90_degrees_turns_the_forces_and_nothing_slips():
