@@ -31,7 +31,7 @@ def prepared(settings: Case, target: Path, force: bool, resume: bool = False) ->
             refuse_too_many_cells(mesh.cells, mesh.order_of_box(settings.poisson(name)), force, comm)
     settings = settings.resolved(comm)
     problem = settings.problem(comm)
-    problem.refuse_held_inside(() if settings.history is None else settings.history.ends)
+    problem.refuse_wrong_supports(() if settings.history is None else settings.history.ends)
     if resume and (left := steps_left(target, comm)) is not None:
         problem.body.stiffness.expect_load_steps(left)
     if not force:

@@ -171,7 +171,7 @@ class ContactBody:
             reference = self._faces.surface(elasticity, motions, time)
         except FullyHeld:  # a contradiction says more
             then = elasticity.at_time(time)
-            self.refuse_held_inside(then, then.at(time))
+            self.refuse_wrong_supports(then, then.at(time))
             raise
         self._latest = {elasticity.constraints.locked: _Positioned(reference, motions, self._faces.gap_factors(time))}
         refuse_untouched(elasticity, reference)
@@ -309,7 +309,7 @@ class ContactBody:
             contact.friction_factor(time, self.comm)
             contact.gap_factor(time, self.comm)
 
-    def refuse_held_inside(self, elasticity: Deformable, loading: Loading, exact: bool = False) -> None:
+    def refuse_wrong_supports(self, elasticity: Deformable, loading: Loading, exact: bool = False) -> None:
         """Refuse supports that hold nodes of contact faces inside foundations, or cut faces of a sector unevenly, with
         the bodies and what is prescribed at a time; arguments and errors as of `held_nodes.refuse_held_inside`;
         collective."""

@@ -126,7 +126,7 @@ class LoadHistory:
         state = replace(state, friction_error=self.friction_error and (state.friction_error or 0.0))
         if state.pending:
             problem.body.refuse_undefined(state.pending[0])
-            problem.refuse_held_inside(state.pending[::-1])
+            problem.refuse_wrong_supports(state.pending[::-1])
             refuse_missed(problem.elasticity.limits, state.time, state.pending)
         problem.body.stiffness.expect_load_steps(len(state.pending))
         halved, why, length = 0, "", math.inf

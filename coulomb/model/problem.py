@@ -351,7 +351,7 @@ class ContactProblem(DiscreteProblem):
         which of them are contact points depends on the displacement, and so where supports or ties begin or end."""
         return self.body.points_of_states(self.surface) if self.large is None else self.large.points
 
-    def refuse_held_inside(self, times: Sequence[float] = ()) -> None:
+    def refuse_wrong_supports(self, times: Sequence[float] = ()) -> None:
         """Refuse supports that hold nodes of contact faces inside foundations now, or at other times; ValueError on
         every rank, with face, number of nodes and depth; collective.
 
@@ -364,7 +364,7 @@ class ContactProblem(DiscreteProblem):
             if times or self.large is not None:
                 body = self.body.elasticity.at_time(time)
                 loading = body.at(time)
-            self.body.refuse_held_inside(body, loading, exact=self.large is not None)
+            self.body.refuse_wrong_supports(body, loading, exact=self.large is not None)
 
     def starts(self, before: State) -> FloatArray | None:
         """Forces in newtons to start a load step from: those of the state before in the present frames, and these
@@ -417,7 +417,7 @@ class ContactProblem(DiscreteProblem):
         outdated = self.large is None and self.elasticity.outdated(self.loading)
         if outdated or self._renewed() is not self:
             return self.at(self.time, self.before).solve(tolerance, solver, progress, start)
-        self.refuse_held_inside()
+        self.refuse_wrong_supports()
         if self.large is not None:
             return LoadStepLoop(self, self.large).solve(tolerance, solver, progress)
         refuse_without_equilibrium(self)
