@@ -123,7 +123,8 @@ def _falling(problem: DiscreteProblem, motion: FloatArray, rigid: RigidMotions) 
     free = problem.state.free
     acting, moving = free.resultants(rigid.e), free.of(motion)
     most = max(one.size for one in moving)
-    said = []
+    bolts = len(free.bodies) - free.opening
+    said, works = [], []
     for load, one in zip(acting, moving, strict=True):
         if one.size > _MOVING * most:
             work = float(load.force @ one.translation + load.moment @ one.rotation)
@@ -131,9 +132,14 @@ def _falling(problem: DiscreteProblem, motion: FloatArray, rigid: RigidMotions) 
             if turn * one.part.radius > _MOVING * way:
                 said.append(f"{free.bodies[one.component]}: it {one.tidy(_MOVING)}, under {amount(work / turn, 'N m')}")
             else:
-                along = direction_in_words(one.translation, _MOVING)
-                said.append(f"{free.bodies[one.component]} against loads of {amount(work / way, 'N')} along {along}")
-    return f"there is no equilibrium: nothing holds {'; nor '.join(said)}"
+                sign = 1.0
+                if one.component >= bolts:
+                    works.append(work)
+                    sign = np.copysign(1.0, work)
+                along, force = direction_in_words(sign * one.translation, _MOVING), amount(sign * work / way, "N")
+                said.append(f"{free.bodies[one.component]} against loads of {force} along {along}")
+    series = "; in series they carry the same force" if min(works, default=0.0) < 0.0 < max(works) else ""
+    return f"there is no equilibrium: nothing holds {'; nor '.join(said)}{series}"
 
 
 def running_away(problem: DiscreteProblem, result: SolverResult) -> str:

@@ -244,3 +244,18 @@ def test_bolts_that_cannot_be():
         problem.at(2.0)
     with pytest.raises(ValueError, match=r"at time 1 .* no load step ends there \(they end at 0.5, 2\)"):
         next(LoadHistory([0.5, 2.0]).steps(problem))
+
+
+def test_bolts_in_series_with_unlike_forces():
+    """On the column between a wall and a plane both bolts carry one force."""
+    part = box((WIDE, WIDE, 0.02), (1, 1, 1))
+    mesh = join(low=part, mid=moved(part, (0.0, 0.0, 0.02)), up=moved(part, (0.0, 0.0, 0.04)))
+
+    def column(force):
+        bolts = [Pretension("mid:bottom", "low:top", force=-1e3), Pretension("up:bottom", "mid:top", force=force)]
+        return ContactProblem(mesh, Material(E, 0.3), [Clamp("up:top")], Contact("low:bottom", 0.3), ties=bolts)
+
+    assert column(-1e3).solve().valid
+    unlike = "'mid:bottom' against loads of 1 kN along z; nor .* 2 kN along z; in series they carry the same force"
+    with pytest.raises(NoEquilibrium, match=unlike):
+        column(-2e3).solve()
