@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -13,10 +13,12 @@ from .equations import Equations
 from .node_surfaces import named_sides
 from .reading import Reading
 from .rigid_bodies import skin_of
-from .steps import Amplitude, Rows, Step, Tracks
+from .steps import Rows, Step, Tracks
 
 _AtReference = tuple[str, int, int]
 """What a reference node belongs to, its number among these, and the degree of freedom."""
+
+_IN_FRAME: Final = "is the reference of a face or a bolt, and has a *TRANSFORM: give what it does along x, y and z"
 
 
 class Constraints:
@@ -81,6 +83,8 @@ class Constraints:
             first = kind.whole(words[0], row)
             held |= set(range(first, (kind.whole(words[1], row) if len(words) > 1 and words[1] else first) + 1))
         if not {1, 2, 3} <= held:
+            if node in self._of.frames:
+                raise coupling.fault(f"node {coupling.get('REFNODE')} {_IN_FRAME}")
             self._equations.couple(node, self._corners_on(coupling), held)
             return
         self._of_node[node] = ("rigid", len(self._rigid))
@@ -171,6 +175,9 @@ class Constraints:
             first = card.whole(words[1], row)
             last = card.whole(words[2], row) if len(words) > 2 and words[2] else first
             value = card.number(words[3], row) if len(words) > 3 else 0.0
+        whole = value == 0.0 and (first, last) in ((1, 3), (4, 6), (1, 6))
+        if kind != "equation" and node in self._of.frames and not whole:
+            raise card.fault(f"node {words[0]} {_IN_FRAME}", row)
         if kind == "distributing":
             raise card.fault("the reference node of a distributing coupling cannot be held: use *KINEMATIC", row)
         for dof in range(first, last + 1):
@@ -182,12 +189,14 @@ class Constraints:
                 self._held.give((kind, number, dof), value, step, self._of.amplitude(card), step.begin == 0.0)
         return True
 
-    def load(self, node: int, dof: int, value: float, step: Step, amplitude: Amplitude | None) -> bool:
+    def load(self, node: int, dof: int, value: float, card: Card, row: int, step: Step) -> bool:
         """A *CLOAD line at a node of no solid element; whether it is a reference node."""
         if node not in self._of_node:
             return False
         kind, number = self._of_node[node]
-        self._loads.give((kind, number, dof), value, step, amplitude)
+        if kind != "equation" and node in self._of.frames:
+            raise card.fault(f"node {card.words(row)[0]} {_IN_FRAME}", row)
+        self._loads.give((kind, number, dof), value, step, self._of.amplitude(card))
         return True
 
     def tables(self) -> dict[str, list[dict[str, Any]]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from itertools import pairwise
 from typing import Any, Final
 
@@ -23,6 +23,12 @@ _NONE: Final = 1e-9
 
 _NEAR: Final = 0.02
 """Distance of faces that general contact makes pairs, over the extent of the model."""
+
+
+_PAIR: Final = "a slave and a master surface, or one in contact with itself"
+
+_CHANGES: Final = {"CHANGEFRICTION": "FRICTION", "CHANGESURFACEBEHAVIOR": "SURFACEBEHAVIOR"}
+"""Cards of steps that name an interaction, by the card below that gives what it has from then on."""
 
 
 class _Interaction:
@@ -56,6 +62,8 @@ def general_contact(of: Reading) -> dict[str, Any]:
         given = interaction.behavior or interaction.conductance or interaction.friction
         assert given is not None
         raise given.fault("general contact of all faces is read with hard contact and a coefficient of friction alone")
+    for card in (card for step in of.steps for card in step.cards if card.kind in _CHANGES):
+        raise card.fault("general contact of all faces keeps its property")
     distance = _NEAR * _extent(of)
     of.notes.append(f"general contact: faces within {distance:.3g} of each other become pairs ([auto_contact])")
     return {"distance": distance, "friction": _coefficient(interaction.friction)}
@@ -103,7 +111,7 @@ def _given_pairs(of: Reading) -> Iterator[tuple[Card, int, list[str], str]]:
     """Card and line of every pair, its surfaces, and its interaction."""
     for card in of.model:
         if card.kind == "CONTACTPAIR":
-            for row, words in card.rows("a slave and a master surface, or one in contact with itself"):
+            for row, words in card.rows(_PAIR):
                 yield card, row, _both(words), card.key("INTERACTION")
     yield from _included(of)
 
@@ -125,6 +133,7 @@ def _pairs(of: Reading) -> list[_Pair]:
 
 def _read_pairs(of: Reading) -> list[_Pair]:
     interactions = _interactions(of)
+    _refuse_strangers(of, interactions)
     clearances = dict(_clearance(card) for card in of.model if card.kind == "CLEARANCE")
     found: list[_Pair] = []
     for card, row, words, called in _given_pairs(of):
@@ -246,6 +255,28 @@ def _changes(of: Reading, kind: str, interaction: str) -> Iterator[tuple[Step, C
                 yield step, card
 
 
+def _refuse_strangers(of: Reading, interactions: Collection[str]) -> None:
+    """ValueError, with the line, if a card of a step changes an interaction or a pair that the deck does not have."""
+    pairs = {(key_of(words[0]), key_of(words[1])) for _, _, words, _ in _given_pairs(of)}
+    for step in of.steps:
+        changing = ""
+        for card in step.cards:
+            if card.kind in _CHANGES:
+                changing = _CHANGES[card.kind]
+                if card.key("INTERACTION") not in interactions:
+                    raise card.lacks("*SURFACE INTERACTION", card.needs("INTERACTION"), interactions)
+                if set(card.parameters) != {"INTERACTION"}:
+                    raise card.fault("is read with INTERACTION alone")
+            elif card.kind in _CHANGES.values() and card.kind != changing:
+                raise card.fault("stands in a step, but below no *CHANGE card that says of which interaction")
+            elif card.kind == "MODELCHANGE" and card.key("TYPE").startswith("CONTACTPAIR"):
+                for row, words in card.rows(_PAIR):
+                    one, other = map(key_of, _both(words))
+                    if (one, other) not in pairs:
+                        turned = "; its slave and its master are the other way round" if (other, one) in pairs else ""
+                        raise card.fault(f"there is no contact pair of {', '.join(words)}{turned}", row)
+
+
 def _law(of: Reading, card: Card | None) -> str:
     """What a *SURFACE BEHAVIOR is here: "hard", "tied" or "none"."""
     kind = "HARD" if card is None else card.key("PRESSURE-OVERCLOSURE") or "HARD"
@@ -297,6 +328,8 @@ def _friction(of: Reading, interaction: _Interaction, name: str) -> dict[str, An
     rows: list[tuple[float, float]] = [(0.0, _coefficient(interaction.friction))]
     for step, card in _changes(of, "FRICTION", name):
         value = _coefficient(card)
+        if _limit(card) != limit:
+            raise card.fault("another TAUMAX than before is not read")
         rows = [*rows, (step.begin, rows[-1][1]), (step.soon, value)] if step.begin > 0.0 else [(0.0, value)]
     table = _in_time("friction", rows)
     return table | ({"friction_limit": limit} if limit is not None and table["friction"] > 0.0 else {})
@@ -400,7 +433,7 @@ def _goes_out(card: Card, names: tuple[str, str]) -> bool | None:
     """Whether a *MODEL CHANGE takes a pair out, or puts it in; None if it does neither."""
     if card.kind != "MODELCHANGE" or not card.key("TYPE").startswith("CONTACTPAIR"):
         return None
-    for _, words in card.rows("a slave and a master surface, or one in contact with itself"):
+    for _, words in card.rows(_PAIR):
         if tuple(map(key_of, _both(words))) == names:
             return "REMOVE" in card.parameters
     return None

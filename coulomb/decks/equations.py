@@ -74,8 +74,9 @@ class Equations:
                 self._add(found)
 
     def _along(self, node: int, dof: int) -> list[tuple[int, float]]:
-        """The axes and parts of a degree of freedom, of a node with a *TRANSFORM several, the largest first."""
-        if node not in self._of.frames:
+        """The axes and parts of a degree of freedom, of a node with a *TRANSFORM several, the largest first; of
+        reference nodes their own, in which they are held and loaded."""
+        if node not in self._of.frames or node not in self._inside:
             return [(dof, 1.0)]
         along = axes_at(self._of.frames[node], self._of.point(node))[dof - 1]
         order = sorted(range(3), key=lambda k: -abs(along[k]))
@@ -167,8 +168,7 @@ class Equations:
         """
         forces = {dof: [(rows, 1.0) for rows in given] for dof, given in loads.items() if dof not in held}
         left = self._without_references(held, forces)
-        inside = set(as_list(self._of.nodes_of_cells))
-        lost = next((dof for dof in forces if dof[0] not in inside), None)
+        lost = next((dof for dof in forces if dof[0] not in self._inside), None)
         if lost is not None:
             raise ValueError(
                 f"{self._of.deck.place_of(str(lost[0]))}: no equation says where node {self._of.deck.called(lost[0])} "
@@ -235,6 +235,11 @@ class Equations:
                     if key not in held:
                         forces.setdefault(key, []).append((rows, -factor * value / own))
         return [_displacement_first(terms, held) for terms in left if terms.keys() - held.keys()]
+
+    @cached_property
+    def _inside(self) -> set[int]:
+        """The nodes of solid elements."""
+        return set(as_list(self._of.nodes_of_cells))
 
     def _called(self, node: int) -> int | str:
         return f"{self._homes[node]}:{node}" if self._homes else node

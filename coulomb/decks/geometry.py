@@ -153,6 +153,7 @@ class Geometry:
             raise card.fault(f"there are two instances {name!r}")
         placed = _Instance(name, _APART * len(self._instances))
         self._instances[key_of(name)] = placed
+        self.node_sets.of_parts = self.element_sets.of_parts = True
         if card.lines:
             shift = card.floats([0])[:3]
             placed.shift[: len(shift)] = shift
@@ -237,6 +238,11 @@ class Geometry:
             self.element_sets.get(self._own(card.get("ELSET"), of)).members.append(rows[:, 0])
 
     def _fill(self, card: Card, into: NamedSet, of: _Instance) -> None:
+        if card.kind == "NSET" and card.get("ELSET"):  # the nodes of elements
+            numbers = self.element_sets.members(self._own(card.get("ELSET"), of))
+            blocks = [rows for of_type in self.elements.values() for rows in of_type]
+            parts = [rows[np.isin(rows[:, 0], numbers), 1:].ravel() for rows in blocks]
+            into.members.append(np.unique(np.concatenate(parts or [numbers])))
         if "GENERATE" in card.parameters:
             for row, line in enumerate(card.lines):
                 given: list[int] = list(map(int, card.integers([row])))
@@ -449,8 +455,8 @@ class Geometry:
             if words[0] and re.fullmatch(f"{letter}[1-6]", side):
                 label = self.label(words[0])
                 values = tuple(card.number(word, row) for word in [*words[2:], "", ""][:count])
-                numbers = self.element_sets.members(label) if isinstance(label, str) else label
-                here = {(int(number), side) for number in as_list(numbers)}
+                numbers = self.element_sets.listed(label) if isinstance(label, str) else label
+                here = {(int(number), side) for number in as_list(self.element_sets.once(numbers, card, row))}
                 of_values = faces.setdefault(values, [([], set())])
                 if not of_values[-1][1].isdisjoint(here):  # what is given twice adds up
                     of_values.append(([], set()))

@@ -120,9 +120,10 @@ class NodalTables:
         amplitude = self._of.amplitude(card)
         for row, words in card.rows("nodes, a degree of freedom and a force", 3):
             nodes, dof, value = self._nodes(words[0], card, row), card.whole(words[1], row), card.number(words[2], row)
+            nodes = self._of.deck.node_sets.once(nodes, card, row)
             mine = np.isin(nodes, self._of.nodes_of_cells)
             for node in as_list(nodes[~mine]):
-                if not self._constraints.load(node, dof, value, step, amplitude):
+                if not self._constraints.load(node, dof, value, card, row, step):
                     self._strays += 1
             if dof not in (1, 2, 3):
                 if np.any(mine):

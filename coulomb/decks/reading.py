@@ -71,7 +71,10 @@ class Reading:
         name = f"{owner}.{label}" if owner and f"{owner}.{label}" in self.deck.node_sets else label
         if name not in self.deck.node_sets:
             raise card.lacks("node set", word, self.deck.node_sets.names, row)
-        return self.deck.node_sets.listed(name)
+        found = self.deck.node_sets.listed(name)
+        if not len(found):
+            raise card.fault(f"the node set {word!r} is empty", row)
+        return found
 
     def body_of(self, elements: IntArray, what: str) -> str:
         """ "NAME:" of the body of some elements, "" for one alone."""
@@ -139,6 +142,8 @@ class Reading:
                 values = card.floats() if card.lines else np.empty(0)
                 if len(values) % 2 or not len(values):
                     raise card.fault("needs pairs of time and factor")
+                if np.any(np.diff(values[::2]) < 0.0):
+                    raise card.fault("times must not go back")
                 shift_x, shift_y = (card.setting(name) for name in ("SHIFTX", "SHIFTY"))
                 pairs = values.reshape(-1, 2) + (shift_x, shift_y)
                 rows = tuple((float(t), float(v)) for t, v in pairs)

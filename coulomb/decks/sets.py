@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from ..arrays import IntArray
-from .cards import key_of
+from .cards import Card, key_of
 
 
 @dataclass
@@ -28,7 +28,13 @@ class NamedSet:
 
 
 class Sets:
-    """Sets by name, whose case does not matter."""
+    """Sets by name, whose case does not matter.
+
+    Attributes:
+        of_parts: Whether the deck has parts, as Abaqus' have.
+    """
+
+    of_parts = False
 
     def __init__(self, kind: str, place: Callable[[str], str]):
         self.kind, self._place = kind, place
@@ -62,6 +68,14 @@ class Sets:
     def members(self, name: str) -> IntArray:
         """The numbers of a set, ascending, each once."""
         return np.unique(self.listed(name))
+
+    def once(self, numbers: IntArray, card: Card, row: int) -> IntArray:
+        """What a line of a card loads, each once; ValueError where a number is there twice, but of parts."""
+        unique, counts = np.unique(numbers, return_counts=True)
+        if np.any(counts > 1) and not self.of_parts:
+            twice = f"{card.words(row)[0]!r} has {unique[np.argmax(counts > 1)]} twice"
+            raise card.fault(f"{twice}: CalculiX loads it twice, Abaqus once; give it once", row)
+        return unique
 
 
 @dataclass

@@ -69,11 +69,11 @@ class Amplitude:
         return value_at(self.rows, time)
 
     def between(self, begin: float, end: float) -> Iterator[tuple[float, float]]:
-        """Times and factors from the beginning to the end of a step."""
+        """Times and factors from the beginning to the end of a step, two of one time at a jump."""
         shift = 0.0 if self.total else begin
-        times = {begin, end, *(shift + time for time, _ in self.rows if begin < shift + time < end)}
-        for time in sorted(times):
-            yield time, self.at(time - shift)
+        yield begin, self.at(begin - shift)
+        yield from ((shift + time, factor) for time, factor in self.rows if begin < shift + time < end)
+        yield end, self.at(end - shift)
 
 
 def value_at(rows: Rows, time: float) -> float:
@@ -128,7 +128,7 @@ class Track:
         last = self.value(step.begin)
         if amplitude is not None:
             for time, factor in amplitude.between(step.begin, step.end):
-                self._put(time, value * factor)
+                self._put(time, value * factor, step.soon - step.begin)
         elif step.at_once:
             self._put(step.begin, last)
             self._put(step.soon, value)
@@ -143,17 +143,18 @@ class Track:
         if amplitude is not None:
             rows = [(time, value * factor) for time, factor in amplitude.between(step.begin, step.end)]
         for time, at in rows:
-            self._put(time, at)
+            self._put(time, at, step.soon - step.begin)
         if not math.isnan(value):
             self.reaches = step.begin if amplitude is not None or step.at_once else step.end
 
-    def _put(self, time: float, value: float) -> None:
+    def _put(self, time: float, value: float, jump: float = 0.0) -> None:
+        """A row; of a time that the last one has a jump, which takes so long."""
         while self.rows and self.rows[-1][0] > time:
             self.rows.pop()
         if self.rows and self.rows[-1][0] == time:
             if self.rows[-1][1] == value:
                 return
-            time += _SOON * max(abs(time), 1.0)  # a jump
+            time = max(time + jump, math.nextafter(time, math.inf))
         self.rows.append((time, value))
 
     def fixed(self) -> tuple[Rows, float | None, float | None, float | None]:

@@ -82,3 +82,22 @@ def test_equations_of_a_slice(tmp_path):
     spring = "*ELEMENT, TYPE=SPRING2, ELSET=k\n50, 13, 1\n*SPRING, ELSET=k\n2, 2\n250.\n"  # beside one of 250 N/m
     _, x, u, totals = displacement(tmp_path, deck + spring + STEP.format("*CLOAD\n13, 2, -10."))
     assert np.allclose(u[x[:, 1] == 2.0, 1], -0.02, rtol=1e-9) and totals["force"][1] == pytest.approx(5.0)
+
+
+def test_a_reference_node_with_a_frame_of_its_own(tmp_path):
+    """Its first degree of freedom is that of its *TRANSFORM in equations, supports and loads alike: the lid moves along
+    x with it (CalculiX 2.20: by the same); that of a face has none."""
+    frame = "*NSET, NSET=ref\n101\n*TRANSFORM, NSET=ref\n1., 1., 0., -1., 1., 0.\n"
+    free = REFERENCE.replace("top, 1, 2\n", "")
+    lid = "".join(f"*EQUATION\n2\n{node}, {k}, 1., 101, {k}, -1.\n" for node in (15, 16, 17, 18) for k in (1, 2, 3))
+    moved = "*CLOAD\ntop, 3, -10.\n*BOUNDARY\n101, 1, 1, 1e-5\n101, 2, 2"
+    _, x, u, _ = displacement(tmp_path, free + lid + frame + STEP.format(moved))
+    assert np.allclose(u[x[:, 2] == 2.0, :2], [1e-5, 0.0], atol=1e-14)
+    _, _, _, totals = displacement(tmp_path, free + lid + frame + STEP.format("*CLOAD\n101, 3, -10.\n101, 1, 1."))
+    assert np.allclose(totals["force"][:2], [-1.0, 0.0], atol=1e-6)
+    face = free + "*SURFACE, NAME=lid\n2, S2\n*COUPLING, REF NODE=101, SURFACE=lid, CONSTRAINT NAME=c\n*KINEMATIC\n{}\n"
+    for directions, wrong in (("1, 3", "*CLOAD\n101, 3, -1."), ("1, 3", "*BOUNDARY\n101, 1, 2"), ("3, 3", "")):
+        with pytest.raises(ValueError, match=r"deck.inp: line \d+: .*node 101 is the reference .* a \*TRANSFORM"):
+            tables_of(tmp_path, face.format(directions) + frame + STEP.format(wrong))
+    held = tables_of(tmp_path, face.format("1, 3") + frame + STEP.format("*BOUNDARY\n101, 1, 6")).tables
+    assert held["rigid_face"][0]["translation"] == {"x": 0.0, "y": 0.0, "z": 0.0}

@@ -31,6 +31,42 @@ def test_an_amplitude_in_total_time_goes_on(tmp_path):
     assert np.allclose([value_at(rows, time) for time in (1.0, 1.001, 3.0)], [1.0, 0.0, 0.0])
 
 
+@pytest.mark.parametrize("period", [1.0, 1e-8])
+def test_a_jump_of_an_amplitude_is_kept(period, tmp_path):
+    """Two rows of one time: what is before the jump was lost; in short steps so was what is after one."""
+    rows = np.array([[0.0, 0.0], [0.5, 1.0], [0.5, 0.2], [1.0, 0.2]]) * (period, 1.0)
+    curve = "*AMPLITUDE, NAME=a\n" + ", ".join(map(repr, rows.ravel().tolist())) + "\n"
+    one = f"*STEP\n*STATIC\n1., {period!r}\n*DLOAD, AMPLITUDE=a\n2, P2, 30.\n*END STEP\n"
+    other = one.replace("*STEP", "*STEP, AMPLITUDE=STEP", 1).replace(", AMPLITUDE=a\n2, P2, 30.", "\n2, P2, 90.")
+    tables = tables_of(tmp_path, CUBES + curve + one + other).tables
+    (load,) = tables["pressure"]
+    at = [
+        load["value"] * value_at(tuple(map(tuple, load["amplitude"])), time * period) for time in (0.5, 0.51, 1, 1.1, 2)
+    ]
+    assert np.allclose(at, [30.0, 6.0, 6.0, 90.0, 90.0])
+    assert np.allclose(tables["history"]["times"], np.array([0.5, 1.0, 2.0]) * period)
+    with pytest.raises(ValueError, match=r"line \d+: \*AMPLITUDE: times must not go back"):
+        tables_of(tmp_path, CUBES + "*AMPLITUDE, NAME=a\n0., 0., 1., 1., .5, 0.\n" + one)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ("*CHANGE FRICTION, INTERACTION=s\n*FRICTION\n.1", r"\*CHANGE FRICTION: there is no .* 's'; .* 'SI'"),
+        ("*CHANGE SURFACE BEHAVIOR, INTERACTION=s\n*SURFACE BEHAVIOR", "there is no .* 's'; .* 'SI'"),
+        ("*CHANGE FRICTION, INTERACTION=si, RESET", "is read with INTERACTION alone"),
+        ("*CHANGE FRICTION, INTERACTION=si\n*FRICTION, TAUMAX=1.\n.2", "another TAUMAX than before"),
+        ("*FRICTION\n.1", r"\*FRICTION: stands in a step, but below no \*CHANGE card"),
+        ("*MODEL CHANGE, TYPE=CONTACT PAIR, REMOVE\nmaster, slave", "no contact pair of master, slave; .* other way"),
+        ("*MODEL CHANGE, TYPE=CONTACT PAIR, REMOVE\nslave, mister", "no contact pair of slave, mister$"),
+    ],
+)
+def test_a_change_of_what_is_not_there_is_refused(wrong, said, tmp_path):
+    """It was left out without a word."""
+    with pytest.raises(ValueError, match=rf"deck.inp: line \d+: .*{said}"):
+        tables_of(tmp_path, CUBES + steps("*CLOAD\ntop, 3, -1.", wrong))
+
+
 def test_reference_nodes_move_by_components_in_their_own_time(tmp_path):
     """Down in the first step, to the side in the second, turned in the third."""
     moves = ("*BOUNDARY\n900, 3, 3, -1e-3", "*BOUNDARY\n900, 1, 1, 2e-3", "*BOUNDARY\n900, 6, 6, 1e-3")
@@ -79,3 +115,20 @@ def test_a_body_that_is_rigid_as_a_whole(which, tmp_path):
             "*RIGID", f"{BODIES['ELSET=upper']}*RIGID"
         )
         tables_of(tmp_path, joined + STEP.format("*CLOAD\n900, 3, -1."))
+
+
+def test_what_is_loaded_twice_by_a_set_is_refused(tmp_path):
+    """CalculiX 2.20 puts a load twice on nodes and sides that a set has twice, Abaqus once; and a set with nothing in
+    it was loaded without a word, as one of the nodes of elements, which Abaqus reads."""
+    load = STEP.format("*CLOAD\ntwice, 3, -1.\n*DLOAD\nit, P2, 1.")
+    for wrong, said in (
+        ("*NSET, NSET=twice\n15, 16, 15\n*ELSET, ELSET=it\n2\n", "\\*CLOAD: 'twice' has 15 twice"),
+        ("*NSET, NSET=twice\n15\n*ELSET, ELSET=it\n2\n*ELSET, ELSET=it\n2\n", "\\*DLOAD: 'it' has 2 twice"),
+        ("*NSET, NSET=twice\n*ELSET, ELSET=it\n2\n", "\\*CLOAD: the node set 'twice' is empty"),
+    ):
+        with pytest.raises(ValueError, match=rf"deck.inp: line \d+: {said}"):
+            tables_of(tmp_path, CUBES + wrong + load)
+    once = "*ELSET, ELSET=it\n2\n*NSET, NSET=twice, ELSET=it\n"
+    (*forces,) = tables_of(tmp_path, CUBES + once + load).tables["nodal_force"]
+    assert {tuple(one["force"]) for one in forces} == {(0.0, 0.0, -1.0)}
+    assert sum(len({"top": range(4)}.get(str(one["nodes"]), one["nodes"])) for one in forces) == 8
