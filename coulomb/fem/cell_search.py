@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -67,7 +67,7 @@ class CellSearch:
         if not own:
             return None
         extent = float(np.max(np.ptp(x[rows[:own]], axis=1)))
-        return _boxes(self._mesh, own, (_BEYOND if self._curved else SNAP) * extent)
+        return boxes(self._mesh, own, (_BEYOND if self._curved else SNAP) * extent)
 
     def _in_boxes(self, x: FloatArray, first: int) -> Near:
         """Of points x (k, 3), whose numbers begin with `first`."""
@@ -100,7 +100,7 @@ class CellSearch:
         return X, np.maximum(np.maximum(-np.min(X, axis=1, initial=1.0), beyond), np.where(off > ROUNDING, off, 0.0))
 
 
-def _boxes(domain: Any, count: int, padding: float) -> Any:
+def boxes(domain: Any, count: int, padding: float = 0.0) -> Any:
     """The tree of the boxes around the first cells of this rank."""
     cells = np.arange(count, dtype=np.int32)
     if NEWER:
@@ -125,6 +125,8 @@ def _solved(slopes: FloatArray, residual: FloatArray) -> FloatArray:
     return np.einsum("pdi,pi->pd", np.linalg.pinv(slopes), residual)
 
 
+@cache
 def lagrange(kind: str, degree: int) -> Any:
+    """Basix's element of DOLFINx's "Lagrange" on a cell."""
     variant = basix.LagrangeVariant.equispaced if degree < 3 else basix.LagrangeVariant.gll_warped
     return basix.create_element(basix.ElementFamily.P, getattr(basix.CellType, kind), degree, variant)

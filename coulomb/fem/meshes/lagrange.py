@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 from ...arrays import BoolArray, FloatArray, Int32Array, IntArray
 from .. import compat
+from ..cell_search import lagrange
 from ..compat import basix, cpp, mesh
 from .exchange import Exchange
 
@@ -132,12 +133,12 @@ def corner_geometry(domain: Any) -> Int32Array:
 
 def lagrange_points(cell: Any, degree: int) -> FloatArray:
     """Nodes of the Lagrange functions of a cell in the reference cell, in DOLFINx's order, shape (functions, dim)."""
-    return np.asarray(_element(cell.name, degree).points, dtype=np.float64)
+    return np.asarray(lagrange(cell.name, degree).points, dtype=np.float64)
 
 
 def lagrange_values(cell: Any, degree: int, X: FloatArray) -> FloatArray:
     """Values of the Lagrange functions of a cell at reference points X (p, dim), shape (p, functions)."""
-    element = _element(cell.name, degree)
+    element = lagrange(cell.name, degree)
     if not len(X):  # of which basix 0.5 aborts the process
         return np.empty((0, len(element.points)))
     return np.asarray(element.tabulate(0, X))[0, :, :, 0]
@@ -158,7 +159,7 @@ def functions_of_nodes(cell: Any, count: int, X: FloatArray) -> FloatArray:
 
 def lagrange_slopes(cell: Any, degree: int, X: FloatArray) -> FloatArray:
     """Derivatives of the Lagrange functions at reference points X (p, dim), shape (dim, p, functions)."""
-    return np.asarray(_element(cell.name, degree).tabulate(1, X))[1:, :, :, 0]
+    return np.asarray(lagrange(cell.name, degree).tabulate(1, X))[1:, :, :, 0]
 
 
 def corners_to_nodes(cell: Any) -> FloatArray:
@@ -180,9 +181,3 @@ def facet_columns(cell: Any, degree: int) -> IntArray:
         distance = np.linalg.norm(nodes[None] - x[:, None], axis=2)
         columns.append(np.argmin(distance, axis=1)[order])
     return np.array(columns)
-
-
-@functools.cache
-def _element(cell: str, degree: int) -> Any:
-    variant = basix.LagrangeVariant.equispaced
-    return basix.create_element(basix.ElementFamily.P, getattr(basix.CellType, cell), degree, variant)

@@ -14,10 +14,14 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from mpi4py import MPI
 
 from ...arrays import FloatArray, IntArray, in_words
 from ...nearest import tree_of
 from ...regular_file import read_bytes
+from .. import compat
+from ..cell_search import boxes
+from ..compat import geometry
 from ..geometry import first_place
 from .meshio_format import by_meshio
 from .xdmf_format import array_of, xml_of
@@ -111,9 +115,6 @@ _SAME: Final = 1e-9
 _INTO: Final = 1e-3
 """Part of the way from a node to the middle of a cell at which the part of the field is looked for."""
 
-_AT_ONCE: Final = 5_000
-"""Points that are located at a time, so that little memory is needed."""
-
 
 @dataclass(frozen=True, eq=False)
 class NodalField:
@@ -170,9 +171,8 @@ class NodalField:
         distance, node = self._nodes.query(at)
         found: FloatArray = self.values[node]
         missing = np.flatnonzero(distance > _SAME * np.max(np.ptp(self.points, axis=0)))
-        for first in range(0, len(missing), _AT_ONCE):
-            part = missing[first : first + _AT_ONCE]
-            found[part] = self._interpolated(at[part])
+        if len(missing):
+            found[missing] = self._interpolated(at[missing])
         return found
 
     def at_nodes(self, x: FloatArray, inside: FloatArray) -> FloatArray:
@@ -181,7 +181,7 @@ class NodalField:
         call."""
         found = self(x.T)
         at = self._nodes.query(x, k=2)[0][:, -1] <= _SAME * np.max(np.ptp(self.points, axis=0))
-        cell, _ = self._cells.containing(x[at] + _INTO * (inside - x)[at])
+        cell, _ = self._cells.nearest(x[at] + _INTO * (inside - x)[at])
         nodes = self._cells.rows[cell]
         nearest = np.argmin(np.linalg.norm(self.points[nodes] - x[at, None], axis=2), axis=1)
         found[at] = np.where(cell < 0, found[at], self.values[nodes[np.arange(len(nodes)), nearest]])
@@ -197,7 +197,7 @@ class NodalField:
 
     def _interpolated(self, x: FloatArray) -> FloatArray:
         """Values at points (k, 3) that are no nodes."""
-        cell, weights = self._cells.containing(x)
+        cell, weights = self._cells.nearest(x)
         if np.any(cell < 0):
             low, high = (in_words(end(self.points, axis=0)) for end in (np.min, np.max))
             raise ValueError(
@@ -209,55 +209,41 @@ class NodalField:
 
 
 class _Cells:
-    """Tetrahedra of some volume, rows of four nodes, in classes of similar size, in which those near a point are found
-    by their centroids."""
+    """Tetrahedra of some volume, rows of four nodes, and DOLFINx's search for the nearest one to a point, by distances
+    whose errors are of a given size: edges are near 1 there."""
 
     def __init__(self, points: FloatArray, rows: IntArray):
         x = points[rows]
-        edges = x[:, 1:] - x[:, :1]
         i, j = np.triu_indices(4, 1)
         edge = np.linalg.norm(x[:, i] - x[:, j], axis=2).mean(axis=1)
-        solid = np.abs(np.linalg.det(edges)) > 1e-12 * edge**3
-        self.rows, self._edge = rows[solid], edge[solid]
-        self._corners, self._inverse = x[solid], np.linalg.inv(edges[solid].transpose(0, 2, 1))
-        self._slopes = np.concatenate([-self._inverse.sum(axis=1, keepdims=True), self._inverse], axis=1)
-        self._height = 1.0 / np.linalg.norm(self._slopes, axis=2)
-        centroid = x[solid].mean(axis=1)
-        radius = np.max(np.linalg.norm(x[solid] - centroid[:, None], axis=2), axis=1) + SNAP * self._edge
-        size = np.floor(np.log2(radius))
-        members = [np.flatnonzero(size == octave) for octave in np.unique(size)]
-        self._classes = [(tree_of(centroid[own]), own, float(np.max(radius[own]))) for own in members]
+        solid = np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) > 1e-12 * edge**3
+        self._low, self._unit = x[solid].min(axis=(0, 1)), float(np.median(edge[solid]))
+        used, nodes = np.unique(rows[solid], return_inverse=True)
+        self._mesh = compat.create_mesh(MPI.COMM_SELF, "tetrahedron", nodes.reshape(-1, 4), self._placed(points[used]))
+        cells = np.arange(np.sum(solid), dtype=np.int32)
+        self._boxes, self._middles = boxes(self._mesh, len(cells)), geometry.create_midpoint_tree(self._mesh, 3, cells)
+        order = np.asarray(self._mesh.topology.original_cell_index)
+        self.rows, self._corners = rows[solid][order], self._placed(x[solid][order])
+        self._snap = SNAP * edge[solid][order] / self._unit
 
-    def containing(self, x: FloatArray) -> tuple[IntArray, FloatArray]:
-        """The tetrahedron of each point (k, 3), -1 where none is near, shape (k,), and the weights of its nodes, shape
-        (k, 4); of a point outside those of a point of the boundary nearby."""
-        best, cell = np.full(len(x), np.inf), np.full(len(x), -1)
-        weights = np.zeros((len(x), 4))
-        for tree, own, radius in self._classes:
-            near = tree_of(x).sparse_distance_matrix(tree, radius, output_type="ndarray")
-            point, tetrahedron = near["i"], own[near["j"]]
-            shares = self._nearest(x[point], tetrahedron)
-            at = np.einsum("pi,pij->pj", shares, self._corners[tetrahedron])
-            beyond = np.linalg.norm(x[point] - at, axis=1)
-            beyond = np.where(beyond <= SNAP * self._edge[tetrahedron], beyond, np.inf)
-            order = np.lexsort((beyond, point))
-            points, first = np.unique(point[order], return_index=True)
-            chosen = order[first]
-            better = beyond[chosen] < best[points]
-            points, chosen = points[better], chosen[better]
-            best[points], cell[points], weights[points] = beyond[chosen], tetrahedron[chosen], shares[chosen]
-        return cell, weights
+    def _placed(self, x: FloatArray) -> FloatArray:
+        return (x - self._low) / self._unit
 
-    def _nearest(self, x: FloatArray, tetrahedron: IntArray) -> FloatArray:
-        """Barycentric coordinates of points (k, 3) in tetrahedra (k,), of a point outside those of the nearest point of
-        the face beyond which it is, or of one near that; shape (k, 4)."""
-        height, number = self._height[tetrahedron], np.arange(len(x))
-        worst = np.argmin(self._shares(x, tetrahedron) * height, axis=1)
-        beyond = np.minimum(self._shares(x, tetrahedron)[number, worst], 0.0) * height[number, worst] ** 2
-        shares = np.maximum(self._shares(x - beyond[:, None] * self._slopes[tetrahedron, worst], tetrahedron), 0.0)
-        return shares / shares.sum(axis=1, keepdims=True)
+    def nearest(self, x: FloatArray) -> tuple[IntArray, FloatArray]:
+        """The tetrahedron nearest to each point (k, 3), -1 where none is near, shape (k,), and the weights of its
+        nodes, shape (k, 4); of a point outside those of the nearest point of the boundary."""
+        at = self._placed(x)
+        cell = geometry.compute_closest_entity(self._boxes, self._middles, self._mesh, at).astype(np.int64)
+        corners, beyond = self._corners[cell], np.zeros(len(x))
+        for k in np.flatnonzero(_shares(at, corners).min(axis=1) < 0.0):
+            off = geometry.compute_distance_gjk(corners[k], at[k])
+            at[k] += off
+            beyond[k] = np.linalg.norm(off)
+        return np.where(beyond <= self._snap[cell], cell, -1), _shares(at, corners)
 
-    def _shares(self, x: FloatArray, tetrahedron: IntArray) -> FloatArray:
-        """Barycentric coordinates of points (k, 3) in tetrahedra (k,), shape (k, 4)."""
-        inner = np.einsum("pij,pj->pi", self._inverse[tetrahedron], x - self._corners[tetrahedron, 0])
-        return np.column_stack([1.0 - inner.sum(axis=1), inner])
+
+def _shares(x: FloatArray, corners: FloatArray) -> FloatArray:
+    """Barycentric coordinates of points (k, 3) in tetrahedra with these corners (k, 4, 3), shape (k, 4)."""
+    edges = (corners[:, 1:] - corners[:, :1]).swapaxes(1, 2)
+    inner = np.linalg.solve(edges, (x - corners[:, 0])[:, :, None])[:, :, 0]
+    return np.column_stack([1.0 - inner.sum(axis=1), inner])
