@@ -8,7 +8,6 @@ from datetime import datetime
 from typing import Self
 
 import numpy as np
-from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from ..fem.meshes import NamedMesh
@@ -113,11 +112,6 @@ class DiscreteProblem:
             fixed = stiffness.of(self.elasticity, self.seconds)
             known = self._known = LinearProblem(fixed, self.state, self.seconds)
         return known
-
-    @property
-    def f(self) -> PETSc.Vec:
-        """As of `LinearProblem`."""
-        return self.linear.f
 
     @property
     def stiffness(self) -> FixedStiffness:

@@ -14,7 +14,7 @@ def dense(problem):
     """A, b from numpy alone: K and B as dense matrices."""
     K, B = to_csr(problem.elasticity.K).toarray(), to_csr(problem.surface.B).toarray()
     c = np.column_stack([problem.surface.gap, np.zeros((len(problem.surface.gap), 2))]).ravel()
-    return B @ np.linalg.solve(K, B.T), B @ np.linalg.solve(K, problem.f.array) - c
+    return B @ np.linalg.solve(K, B.T), B @ np.linalg.solve(K, problem.linear.f.array) - c
 
 
 def test_schur_complement_is_that_of_dense_algebra():

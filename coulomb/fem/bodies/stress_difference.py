@@ -17,7 +17,7 @@ from ...arrays import FloatArray, IntArray
 from ...nearest import tree_of
 from ..meshes import lagrange_slopes, lagrange_values
 from .materials import PAIRS
-from .recovery import StressedCells, inverses
+from .recovery import StressedCells
 
 _AT_ONCE: Final = 20_000
 """Points at a time, so that little memory is needed: some 2 kB for each."""
@@ -84,7 +84,7 @@ class _OtherAnswer:
         self._low, self._high = low - margin, high + margin
         self._middle = np.full((1, 3), 0.25 if self._simplex else 0.5)
         self._centre = np.einsum("n,cni->ci", lagrange_values(self._kind, self._order, self._middle)[0], self._x)
-        self._inverse = inverses(self._slopes(self._middle, self._order) @ self._x)
+        self._inverse = np.linalg.inv(self._slopes(self._middle, self._order) @ self._x)
 
     def strain(self, x: FloatArray) -> tuple[IntArray, FloatArray]:
         """Of points (c, q, 3), of which q are near each other, the cells, shape (c, q), and the strains there, shape
@@ -92,7 +92,7 @@ class _OtherAnswer:
         cell, X = self._containing(x)
         jacobian = self._slopes(X, self._order) @ self._x[cell]
         degree = 1 if self._u.shape[1] in (4, 8) else 2
-        gradient = inverses(jacobian) @ (self._slopes(X, degree) @ self._u[cell])
+        gradient = np.linalg.inv(jacobian) @ (self._slopes(X, degree) @ self._u[cell])
         strain: FloatArray = np.stack([gradient[:, i, j] + (i != j) * gradient[:, j, i] for i, j in PAIRS], axis=1)
         return cell.reshape(x.shape[:2]), strain
 
@@ -177,7 +177,7 @@ class _OtherAnswer:
             if not np.any(off):
                 break
             left, nodes, residual = left[off], nodes[off], residual[off]
-            inverse = inverses(self._slopes(X[left], self._order) @ nodes)
+            inverse = np.linalg.inv(self._slopes(X[left], self._order) @ nodes)
             X[left], outside[left] = self._bounded(X[left] + np.einsum("pi,pij->pj", residual, inverse))
         return X, outside
 

@@ -67,7 +67,7 @@ def test_A_b_and_displacement_are_those_of_the_weights(ways):
     surface, elasticity = problem.surface, problem.elasticity
     assert surface.points.weights.nnz > 3 * len(surface.nodes)
     B = np.einsum("kij,kl->kilj", surface.frames, weights_of(problem).toarray()).reshape(3 * len(surface.nodes), -1)
-    K, f = to_csr(elasticity.K).toarray(), problem.f.array_r
+    K, f = to_csr(elasticity.K).toarray(), problem.linear.f.array_r
     x = np.random.default_rng(1).normal(size=len(B)) * 10.0
     u = np.linalg.solve(K, f - B.T @ x)
     assert problem.displacement(x).ravel() == pytest.approx(u, abs=1e-9 * np.abs(u).max())
