@@ -69,7 +69,6 @@ def convergence_figure(run: Run) -> Any:
         _legend(right)
     right.set(xlabel=what, ylabel="number" if outer else "CG iterations")
     _whole(left.xaxis, right.xaxis, right.yaxis)
-    _arrange(figure)
     return figure
 
 
@@ -371,16 +370,7 @@ def _logarithmic(axis: Any, x: Any, y: Any, style: str, colour: str, size: float
     """A line on a logarithmic axis, without the values that are not positive; none if no value is."""
     if np.any(y > 0.0):
         axis.semilogy(x, np.where(y > 0.0, y, np.nan), style, color=colour, markersize=size, label=label)
-        axis.yaxis.set_major_formatter(_power)  # a tenth of the time of matplotlib's formulas
         axis.yaxis.set_minor_locator(NullLocator())
-
-
-_RAISED: Final = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
-def _power(value: float, _: int | None = None) -> str:
-    """A power of ten."""
-    return "10" + f"{round(float(np.log10(value)))}".translate(_RAISED)
 
 
 def _decades(axis: Any, empty: str) -> None:
@@ -418,8 +408,9 @@ def _figure(count: int) -> tuple[Any, Any]:
 
     colours = dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), _INK)
     with matplotlib.rc_context({**colours, "font.size": 9.5}):
-        figure = Figure(figsize=(4.3 * count, 3.3), facecolor="none")
-        axes = figure.subplots(1, count, squeeze=False)[0]
+        figure = Figure(figsize=(4.3 * count, 3.3), facecolor="none", layout="constrained")
+        figure.get_layout_engine().set(w_pad=0.1, h_pad=0.1)
+        axes = [part.subplots() for part in figure.subfigures(1, count, squeeze=False)[0]]
     for axis in axes:
         axis.set_facecolor("none")
         axis.spines[["top", "right"]].set_visible(False)
@@ -443,36 +434,11 @@ def _calm(axis: Any) -> None:
             axis.yaxis.get_major_formatter().set_useOffset(False)
 
 
-_LETTER, _LINE, _PADS = 6.0, 13.5, 16.0
-"""Of texts in charts: width of a letter, height of a line, and all distances beside them, points."""
-
-
-def _arrange(figure: Any) -> None:
-    """Place the axes by the lengths of their texts: matplotlib's own layout draws every figure twice."""
-    first = figure.axes[0]
-    width, height = 72.0 * figure.get_size_inches()
-    count = first.get_gridspec().ncols
-    legends = [[text.get_text() for text in legend.get_texts()] for a in figure.axes if (legend := a.get_legend())]
-    lines = max((-(-len(labels) // _columns(labels)) for labels in legends), default=0)
-    below = 2 + max(axis.get_xlabel().count("\n") for axis in figure.axes)
-    top, bottom = 1.0 - (8.0 + _LINE * lines) / height, (below * _LINE + _PADS) / height
-    for column, panel in enumerate(figure.axes[:count]):
-        same = [axis for axis in figure.axes if axis.get_subplotspec() == panel.get_subplotspec()]
-        beside = [_PADS, _PADS]
-        for axis, side in zip(same, (0, 1), strict=False):
-            ticks = axis.yaxis.get_major_formatter().format_ticks(axis.yaxis.get_majorticklocs())
-            beside[side] += _LINE + _LETTER * max((len(text) for text in ticks), default=0)
-        left, right = (column / count + beside[0] / width, (column + 1) / count - beside[1] / width)
-        for axis in same:
-            axis.set_position((left, bottom, right - left, top - bottom))
-
-
 def _svg(figure: Any, title: str) -> str:
     """A figure as scalable elements of the page, one for each panel, which narrow screens put below each other; without
     links and background, in the text's colour."""
     for axis in figure.axes:
         _calm(axis)
-    _arrange(figure)
     with matplotlib.rc_context({"svg.fonttype": "path", "svg.hashsalt": title}):
         file = io.StringIO()
         figure.savefig(file, format="svg", transparent=True)
@@ -481,7 +447,7 @@ def _svg(figure: Any, title: str) -> str:
     drawn = re.sub(r"<metadata>.*?</metadata>", "", drawn, flags=re.DOTALL)
     drawn = drawn.replace("xlink:href", "href").replace(_INK, "currentColor")
     width, height = 72.0 * figure.get_size_inches()
-    panels, name = figure.axes[0].get_gridspec().ncols, title.replace(" ", "-")
+    panels, name = len(figure.subfigs), title.replace(" ", "-")
     wide = width / panels
     first = f'<svg role="img" aria-label="{title}" viewBox="0 0 {wide:g} {height:g}"><g id="{name}">{drawn}</g></svg>'
     others = [
