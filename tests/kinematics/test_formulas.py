@@ -361,3 +361,30 @@ def test_friction_work_of_a_press_fit_is_torque_times_angle(hollow):
     torque, radius = abs(totals["moment"][2]), 0.015 if hollow else 0.011
     assert after.solution.valid and torque == pytest.approx(0.3 * totals["normal_force"] * radius, rel=1e-6)
     assert after.state.energy.dissipated - before.state.energy.dissipated == pytest.approx(0.1 * torque, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "foundation",
+    [coulomb.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), coulomb.Cylinder((0.2, 0.0, -0.3), (0.0, 1.0, 0.0), 0.3)],
+    ids=["disc", "drum"],
+)
+def test_friction_of_whole_turns_is_against_the_velocity_and_works_along_the_arc(foundation):
+    """A pad on a disc or a drum that turns by a turn, and by more than two: all of it slips, where nothing changes any
+    more torque times angle goes into friction."""
+    disc = isinstance(foundation, coulomb.Plane)
+    axis = (0.0, 0.0, 1.0) if disc else (0.0, 1.0, 0.0)
+    rotation = coulomb.Rotation((0.2, 0.0, -0.3), axis, [(1.0, 0.0), (2.0, 2.0 * np.pi), (3.0, -9.0), (4.0, -24.0)])
+    problem = coulomb.ContactProblem(
+        coulomb.moved(coulomb.box((0.02, 0.02, 0.02), (1, 1, 1)), (0.0 if disc else 0.19, 0.0, 0.0)),
+        coulomb.NeoHookean(1e6, 0.3),
+        [coulomb.PrescribedDisplacement("top", (0.0, 0.0, -1e-3), amplitude=[(0.0, 0.0), (1.0, 1.0)])],
+        coulomb.Contact("bottom", 0.3, foundation=foundation, rotation=rotation),
+        kinematics="large",
+    )
+    *_, before, after = coulomb.LoadHistory([1.0, 2.0, 3.0, 4.0]).steps(problem)
+    answer = after.solution
+    from_axis = answer.problem.surface.x - rotation.point
+    torque = 0.3 * answer.contact_force[0::3] @ np.linalg.norm(np.cross(from_axis, axis), axis=1)
+    assert answer.valid
+    assert -np.cross(from_axis, answer.force_on_body).sum(axis=0) @ axis == pytest.approx(torque, rel=1e-6)
+    assert after.state.energy.dissipated - before.state.energy.dissipated == pytest.approx(15.0 * torque, rel=1e-6)

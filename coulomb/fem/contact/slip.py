@@ -3,7 +3,9 @@
 On a rigid foundation a node has a foot point, fixed in the foundation's coordinates: slip is the way of the foot point
 since the start of the step, along the arc, in the direction of its chord in the present tangent plane; with a given gap
 g the way on the surface at the distance -g, longer by -g times the angle of the arc.  It is exactly 0 where the node
-has stayed on its place of the foundation, however far this has moved.
+has stayed on its place of the foundation, however far this has moved.  Of a disc or a drum that turns about its axis,
+what a node does not turn with it is an arc about that: it may be longer than a turn, and friction is against the
+velocity at the end of the step, as in small motions.
 
 Of two deformable faces, contact point j has the averages D x of the slave and M x of the master.  With the weights of
 the start of the step these are of the points that were opposite then, with the present ones of those that are now: slip
@@ -17,13 +19,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from ...arrays import FloatArray
 from ..bodies import Deformable
-from ..geometry import RigidFoundation, RigidMotion, on_all_ranks
+from ..geometry import Revolved, RigidFoundation, RigidMotion, on_all_ranks
 from .surface import ContactSurface
 
 Foundations = Sequence[RigidFoundation | None]
@@ -68,10 +70,13 @@ class FaceMotion:
         slip = np.zeros_like(surface.x)
         present, normals = foot_points(body, surface.faces, motions, foundations)
         for part, feet in present.items():
-            here, ways = surface.part == part, _along_arc(feet - self.feet[part], normals[part], self.normals[part])
+            foundation, motion = foundations[part], motions[part]
+            then = _Foot(self.feet[part], self.normals[part])
+            ways = _ways(_Foot(feet, normals[part]), then, motion, self.motions[part], foundation)
             # of points that are averages of nodes: of the feet of these
+            here = surface.part == part
             way, turn = (surface.points.average(np.nan_to_num(of))[here] for of in ways)
-            slip[here] = motions[part].turned(way - given[here, None] * turn)
+            slip[here] = motion.turned(way - given[here, None] * turn)
         paired = surface.points.opposite is not None
         if body.comm.allreduce(paired):
             slip += self._between_faces(body, surface, foundations)
@@ -108,6 +113,45 @@ def _foot(foundation: RigidFoundation, x: FloatArray) -> tuple[FloatArray, Float
     for _ in range(_FOOT_STEPS if len(x) else 0):
         x = x - foundation.signed_distance(x)[:, None] * foundation.normal(x)
     return x, foundation.normal(x) if len(x) else x
+
+
+class _Foot(NamedTuple):
+    """Foot points and unit normals of a foundation there, in its coordinates, shapes (k, 3)."""
+
+    x: FloatArray
+    normal: FloatArray
+
+
+def _ways(
+    now: _Foot, then: _Foot, motion: RigidMotion, earlier: RigidMotion, foundation: RigidFoundation | None
+) -> tuple[FloatArray, FloatArray]:
+    """`_along_arc` from the feet at the start of a step to those at its end.  On a foundation that has turned about its
+    own axis these are first turned by what their nodes have not turned with it, an arc of its own."""
+    turn, before, arcs = motion.turn, earlier.turn, np.zeros((2, *now.x.shape))
+    revolves = turn and isinstance(foundation, Revolved) and foundation.revolves(turn.point, turn.axis)
+    if revolves and turn and before and np.array_equal(turn.axis, before.axis):
+        axis, angle = turn.axis, turn.angle - before.angle
+        left = _lag(then.x - turn.point, now.x - turn.point, axis, angle)[:, None]
+        then = _Foot(_turned(then.x - turn.point, axis, left) + turn.point, _turned(then.normal, axis, left))
+        arcs = np.stack([left * np.cross(axis, of) for of in (now.x - turn.point, now.normal)])
+    way, angles = _along_arc(now.x - then.x, now.normal, then.normal)
+    return way + arcs[0], angles + arcs[1]
+
+
+def _lag(then: FloatArray, now: FloatArray, axis: FloatArray, angle: float) -> FloatArray:
+    """Angles, from 0 to -angle, by which points (k, 3) lag behind what has turned by an angle about an axis through the
+    origin, of places in the coordinates of that; by less than half a turn a point turns of itself."""
+    sine, cosine = np.cross(then, now) @ axis, np.einsum("ki,ki->k", then, now) - (then @ axis) * (now @ axis)
+    own = angle + np.arctan2(sine, cosine)
+    own = np.clip(np.arctan2(np.sin(own), np.cos(own)), min(angle, 0.0), max(angle, 0.0))
+    lag: FloatArray = own - angle
+    return lag
+
+
+def _turned(x: FloatArray, axis: FloatArray, angle: FloatArray) -> FloatArray:
+    """Vectors (k, 3) turned by angles (k, 1) about an axis (Rodrigues' formula)."""
+    along = np.outer(x @ axis, axis)
+    return along + np.cos(angle) * (x - along) + np.sin(angle) * np.cross(axis, x)
 
 
 def _along_arc(chord: FloatArray, now: FloatArray, then: FloatArray) -> tuple[FloatArray, FloatArray]:

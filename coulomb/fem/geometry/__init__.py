@@ -19,6 +19,7 @@ from .obstacles import (
     Cylinder,
     Plane,
     Point,
+    Revolved,
     RigidFoundation,
     RigidMotion,
     Rotation,
