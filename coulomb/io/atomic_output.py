@@ -107,6 +107,16 @@ def _take(path: Path) -> int:
     return descriptor
 
 
+def in_use(directory: Path) -> bool:
+    """Whether a run is in a directory."""
+    try:
+        with (directory / LOCK).open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError as error:  # also where there is no lock, or a file system without
+        return isinstance(error, BlockingIOError)
+    return False
+
+
 def _this_process() -> str:
     now = datetime.now().isoformat(sep=" ", timespec="seconds")
     command = " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]).replace("__main__.py", "coulomb")[:300]

@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 import coulomb
 from coulomb.case.case import read_case
+from coulomb.io.atomic_output import locked
 from coulomb.io.history_files import HistoryFiles
 from coulomb.model.load_history import LoadHistory
 from coulomb.recheck import check
@@ -200,6 +201,16 @@ def test_lines_and_series(tmp_path):
     (folder / "solution.xdmf").write_text((folder / "solution.xdmf").read_text().replace("steps/0003/", "steps/0002/"))
     faults = check(folder).faults
     assert [fault.split(":")[0] for fault in faults] == ["history.csv", "solution.xdmf", "contact.xdmf"]
+
+
+def test_beside_a_run(tmp_path):
+    """The files of all steps go on while these are checked."""
+    folder = copied(BALL, tmp_path / "run")
+    (folder / "history.csv").write_text("")
+    with locked(folder, None):
+        found = check(folder)
+    assert found.passed and "a run is at work: summary.json, history.csv and the series" in found.ending
+    assert not check(folder).passed
 
 
 OTHER_CASES = {
