@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
@@ -15,7 +14,7 @@ from ..solvers.results import NotConverged, Status
 from .discrete_problem import DiscreteProblem
 from .heat import Heat, HeatProblem
 from .solution import Solution
-from .solving import answer_of
+from .solving import Solving, answer_of
 
 AGREEMENT: Final = 1e-9
 """Change of temperature in a round, over the largest, at which contact and heat agree."""
@@ -31,12 +30,7 @@ class HeatNotConverged(NotConverged):
     """Contact and heat do not agree, or nothing fixes the temperature of a body."""
 
 
-def heated(
-    posed: DiscreteProblem,
-    heat: HeatProblem,
-    solved: Callable[[DiscreteProblem, FloatArray | None], Solution],
-    start: FloatArray | None,
-) -> Solution:
+def heated(posed: DiscreteProblem, heat: HeatProblem, solving: Solving, start: FloatArray | None) -> Solution:
     """The answer with the temperature that it causes itself: contact and conduction are solved in turn, from the
     temperature of the load step before."""
 
@@ -48,7 +42,7 @@ def heated(
     change: FloatArray = np.zeros(len(posed.elasticity.x))
     if posed.before is not None and posed.before.temperature_change is not None:
         change = posed.before.temperature_change
-    answer, apart = solved(at(change), start), np.inf
+    answer, apart = solving.in_place(at(change), start), np.inf
     steps, products = answer.result.newton_steps, answer.result.products
     for rounds in range(1, ROUNDS + 1):
         try:
@@ -70,7 +64,7 @@ def heated(
             factor = min(max(factor, SHORTEST), LONGEST)
         step = found - change
         change = change + factor * step
-        answer = solved(at(change), answer.contact_force)
+        answer = solving.in_place(at(change), answer.contact_force)
         steps, products = steps + answer.result.newton_steps, products + answer.result.products
     missing = heat.flows(*at_contact(answer), change).imbalance
     raise HeatNotConverged(

@@ -39,7 +39,7 @@ from .load_steps import LoadSteps
 from .newton_step import Step, newton_step
 from .notebook import residuals_shown
 from .solution import Solution
-from .solving import LinearAnswer, size_of, solved_on_the_way, together
+from .solving import LinearAnswer, Solving, size_of, together
 from .state import Forces, State
 
 _log = logging.getLogger(__name__)
@@ -124,7 +124,7 @@ class LoadStepLoop:
             within = min(tolerance, 1e-8) * (_CLOSER if closer else 1.0)
             refuse_without_equilibrium(problem)
             with residuals_shown(progress, within, self.comm.rank) as shown:
-                return solved_on_the_way(problem, within, solver, shown, x)
+                return Solving(within, solver, shown).on_the_way(problem, x)
 
         try:
             answer = self._whole_step(state, state.displacement, tolerance, solve)

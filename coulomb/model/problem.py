@@ -67,7 +67,7 @@ from .probes import Probe
 from .provenance import now, timed
 from .small_strain import known_mode
 from .solution import Solution, warn
-from .solving import answer_of, solved_in_place
+from .solving import Solving, answer_of
 from .state import State
 from .stopping_criterion import CERTIFIED_FROM
 
@@ -425,11 +425,8 @@ class ContactProblem(DiscreteProblem):
         if heat is not None:  # a solver that starts within its tolerance would leave a certificate that fails as it is
             tolerance, solver = min(tolerance, CERTIFIED_FROM), certifying(solver)
         with residuals_shown(progress, tolerance, self.comm.rank) as shown:
-
-            def by_any_method(posed: DiscreteProblem, start: FloatArray | None) -> Solution:
-                return solved_in_place(posed, tolerance, solver, shown, start)
-
-            answer = by_any_method(self, start) if heat is None else heated(self, heat, by_any_method, start)
+            solving = Solving(tolerance, solver, shown)
+            answer = solving.in_place(self, start) if heat is None else heated(self, heat, solving, start)
         warn(answer)
         return answer
 

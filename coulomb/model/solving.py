@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any, Final, NamedTuple
 
@@ -43,125 +43,101 @@ class LinearAnswer(NamedTuple):
     methods: dict[str, Any]
 
 
-def solved(
-    posed: DiscreteProblem,
-    tolerance: float,
-    solver: Solver | None,
-    progress: ProgressCallback | None,
-    start: FloatArray | None,
-) -> Solution:
-    """The answer by the first method for K^-1 that has one; arguments and errors as of `ContactProblem.solve`."""
-    return answer_of(posed, *_by_methods(posed, tolerance, solver, progress, start))
-
-
-def solved_on_the_way(
-    posed: DiscreteProblem,
-    tolerance: float,
-    solver: Solver | None,
-    progress: ProgressCallback | None,
-    start: FloatArray | None,
-) -> LinearAnswer:
-    """`solved` without a certificate, as is enough on the way to an answer that will have one."""
-    result, criterion = _by_methods(posed, tolerance, solver, progress, start, on_the_way=True)
-    methods = {"solver": result.method, **posed.linear.methods}
-    return LinearAnswer(*criterion.with_zeros(result.x, result.rigid), result, methods)
-
-
-def _by_methods(
-    posed: DiscreteProblem,
-    tolerance: float,
-    solver: Solver | None,
-    progress: ProgressCallback | None,
-    start: FloatArray | None,
-    on_the_way: bool = False,
-) -> tuple[SolverResult, StoppingCriterion]:
-    """By the first method for K^-1 that has an answer, accepted by a certificate, or contact by contact."""
-    stiffness = posed.body.stiffness
-    while True:
-        try:
-            return _by_present_method(posed, tolerance, solver, progress, start, on_the_way)
-        except TooSlow as slow:
-            stiffness.change_method(str(slow), condense=solver is None)
-        except NotConverged as failure:
-            ended = failure.result.status in (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
-            condense = solver is None and not stiffness.explicit
-            if ended or not stiffness.change_method(failure.result.message, condense):
-                failure.args = (f"{failure}{'' if ended else stiffness.advice}",)
-                raise
-
-
 _MOST: Final = 25
 """Largest number of places of foundations under load that are tried."""
 
 
-def solved_in_place(
-    posed: DiscreteProblem,
-    tolerance: float,
-    solver: Solver | None,
-    progress: ProgressCallback | None,
-    start: FloatArray | None,
-) -> Solution:
-    """`solved`, with the foundations under load where the answer has moved them, as often as that leaves the
-    certificate above the tolerance; NotConverged if that is more than _MOST times; arguments as of `solved`."""
-    answer, size, found = solved(posed, tolerance, solver, progress, start), math.inf, False
-    results = [answer.result]
-    for _ in range(_MOST if posed.state.loaded else 0):
-        poses = posed.state.poses_after(answer.result.rigid)
-        there = posed.in_state(posed.body.posed(posed.state, poses, posed.before), posed.seconds, posed.before)
-        forces = there.surface.force_components(posed.surface.vectors(answer.contact_force.reshape(-1, 3)))
-        rest = answer.result.rigid.copy()
-        rest[: sum(len(one.motions) for one in posed.state.loaded)] = 0.0
-        result = replace(together(results), x=forces.ravel(), rigid=rest)
-        placed = answer_of(there, result)
-        before, size = size, size_of(placed.certificate)
-        if placed.certificate.passed and (size <= tolerance or (found and size > 0.5 * before)):
-            return placed
-        found = placed.certificate.passed
-        posed, answer = there, solved(there, tolerance, solver, progress, result.x)
-        results.append(answer.result)
-    if not posed.state.loaded:
-        return answer
-    names = " and ".join(repr(one.name) for one in posed.state.loaded)
-    raise NotConverged(
-        f"the foundation of {names} under load does not come to rest in {_MOST} places: let it begin where it touches, "
-        "apply the load in smaller steps ([history], force_amplitude), or guide it (leave components of force and "
-        "moment out)",
-        answer.result,
-    )
+@dataclass(frozen=True)
+class Solving:
+    """How contact problems in one state are solved: arguments and errors as of `ContactProblem.solve`."""
 
+    tolerance: float
+    solver: Solver | None
+    progress: ProgressCallback | None
 
-def _by_present_method(
-    posed: DiscreteProblem,
-    tolerance: float,
-    solver: Solver | None,
-    progress: ProgressCallback | None,
-    start: FloatArray | None,
-    on_the_way: bool,
-) -> tuple[SolverResult, StoppingCriterion]:
-    newton = posed.body.stiffness.present.newton
-    default = Automatic(tolerance) if newton is None else InteriorPoint(tolerance, newton=newton())
-    chosen = solver or default
-    if start is not None and newton is not None and solver is None:
-        start = np.atleast_2d(start)[0]  # of several
-    criterion, counted = StoppingCriterion(posed), CountedProgress(progress, posed.comm)
-    accept = criterion.by_contacts if on_the_way else criterion
-    with posed.body.stiffness.limited(posed.stiffness.solver):
-        problem = posed.friction_problem  # K^-1, A and b are timed separately
-        posed.linear.prepare_products()
-        if chosen.tolerance <= CERTIFIED_FROM:
-            problem = replace(problem, accept=accept, balanced=criterion.gradient)
-        limit = nullcontext() if solver else posed.body.stiffness.few_products(posed.A)
-        with timed(posed.seconds, "solve"), _one_blas_thread(posed), limit:
+    def answer(self, posed: DiscreteProblem, start: FloatArray | None) -> Solution:
+        """By the first method for K^-1 that has one."""
+        return answer_of(posed, *self._by_methods(posed, start))
+
+    def on_the_way(self, posed: DiscreteProblem, start: FloatArray | None) -> LinearAnswer:
+        """`answer` without a certificate, as is enough on the way to an answer that will have one."""
+        result, criterion = self._by_methods(posed, start, on_the_way=True)
+        methods = {"solver": result.method, **posed.linear.methods}
+        return LinearAnswer(*criterion.with_zeros(result.x, result.rigid), result, methods)
+
+    def in_place(self, posed: DiscreteProblem, start: FloatArray | None) -> Solution:
+        """`answer`, with the foundations under load where it has moved them, as often as that leaves the certificate
+        above the tolerance; NotConverged if that is more than _MOST times."""
+        answer, size, found = self.answer(posed, start), math.inf, False
+        results = [answer.result]
+        for _ in range(_MOST if posed.state.loaded else 0):
+            poses = posed.state.poses_after(answer.result.rigid)
+            there = posed.in_state(posed.body.posed(posed.state, poses, posed.before), posed.seconds, posed.before)
+            forces = there.surface.force_components(posed.surface.vectors(answer.contact_force.reshape(-1, 3)))
+            rest = answer.result.rigid.copy()
+            rest[: sum(len(one.motions) for one in posed.state.loaded)] = 0.0
+            result = replace(together(results), x=forces.ravel(), rigid=rest)
+            placed = answer_of(there, result)
+            before, size = size, size_of(placed.certificate)
+            if placed.certificate.passed and (size <= self.tolerance or (found and size > 0.5 * before)):
+                return placed
+            found = placed.certificate.passed
+            posed, answer = there, self.answer(there, result.x)
+            results.append(answer.result)
+        if not posed.state.loaded:
+            return answer
+        names = " and ".join(repr(one.name) for one in posed.state.loaded)
+        raise NotConverged(
+            f"the foundation of {names} under load does not come to rest in {_MOST} places: let it begin where it "
+            "touches, apply the load in smaller steps ([history], force_amplitude), or guide it (leave components of "
+            "force and moment out)",
+            answer.result,
+        )
+
+    def _by_methods(
+        self, posed: DiscreteProblem, start: FloatArray | None, on_the_way: bool = False
+    ) -> tuple[SolverResult, StoppingCriterion]:
+        """By the first method for K^-1 that has an answer, accepted by a certificate, or contact by contact."""
+        stiffness = posed.body.stiffness
+        while True:
             try:
-                result = chosen.solve(problem, start, progress=counted)
-                if chosen.tolerance <= CERTIFIED_FROM:
-                    stiffness = posed.linear.node_stiffness
-                    result = settled(problem, result, stiffness, chosen.tolerance, counted)
+                return self._by_present_method(posed, start, on_the_way)
+            except TooSlow as slow:
+                stiffness.change_method(str(slow), condense=self.solver is None)
             except NotConverged as failure:
-                raise criterion.explained(failure, chosen.tolerance) from None
-            except CGNotConverged as failure:
-                raise linear_solve_failed(posed, problem, failure, counted, type(chosen).__name__) from None
-    return result, criterion
+                ended = failure.result.status in (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
+                condense = self.solver is None and not stiffness.explicit
+                if ended or not stiffness.change_method(failure.result.message, condense):
+                    failure.args = (f"{failure}{'' if ended else stiffness.advice}",)
+                    raise
+
+    def _by_present_method(
+        self, posed: DiscreteProblem, start: FloatArray | None, on_the_way: bool
+    ) -> tuple[SolverResult, StoppingCriterion]:
+        newton = posed.body.stiffness.present.newton
+        default = Automatic(self.tolerance) if newton is None else InteriorPoint(self.tolerance, newton=newton())
+        chosen = self.solver or default
+        if start is not None and newton is not None and self.solver is None:
+            start = np.atleast_2d(start)[0]  # of several
+        criterion, counted = StoppingCriterion(posed), CountedProgress(self.progress, posed.comm)
+        accept = criterion.by_contacts if on_the_way else criterion
+        with posed.body.stiffness.limited(posed.stiffness.solver):
+            problem = posed.friction_problem  # K^-1, A and b are timed separately
+            posed.linear.prepare_products()
+            if chosen.tolerance <= CERTIFIED_FROM:
+                problem = replace(problem, accept=accept, balanced=criterion.gradient)
+            limit = nullcontext() if self.solver else posed.body.stiffness.few_products(posed.A)
+            with timed(posed.seconds, "solve"), _one_blas_thread(posed), limit:
+                try:
+                    result = chosen.solve(problem, start, progress=counted)
+                    if chosen.tolerance <= CERTIFIED_FROM:
+                        stiffness = posed.linear.node_stiffness
+                        result = settled(problem, result, stiffness, chosen.tolerance, counted)
+                except NotConverged as failure:
+                    raise criterion.explained(failure, chosen.tolerance) from None
+                except CGNotConverged as failure:
+                    raise linear_solve_failed(posed, problem, failure, counted, type(chosen).__name__) from None
+        return result, criterion
 
 
 def answer_of(posed: DiscreteProblem, result: SolverResult, criterion: StoppingCriterion | None = None) -> Solution:
