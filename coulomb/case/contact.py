@@ -12,8 +12,8 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 import coulomb
 
 from ..arrays import FloatArray
+from ..io.run_directory import as_toml
 from .curves import AmplitudeTable, MotionTable, amplitude_of, in_radians, motion_of, rows_of
-from .files import as_toml
 from .foundations import FoundationTable, surface_of
 from .values import (
     ISOTROPIC,

@@ -82,35 +82,6 @@ def parsed(text: str, path: str | Path, several: frozenset[str]) -> dict[str, An
         raise ValueError(f"{path}: is not TOML: {what}{_line(line)}{_hint(what, line, several)}") from None
 
 
-def as_toml(tables: Mapping[str, Any], of: str = "") -> str:
-    """Tables as the text of a case file; those inside a table with a name, as the materials of a body, are tables of
-    their own, the others are inline."""
-    lines = [f"{key} = {_value(value)}" for key, value in tables.items() if not _is_table(value, of)]
-    for key, value in tables.items():
-        if not _is_table(value, of):
-            continue
-        several = isinstance(value, list)
-        for one in value if several else [value]:
-            title = f"[[{of}{key}]]" if several else f"[{of}{key}]"
-            lines.append(f"{title}\n{as_toml(one, f'{of}{key}.')}")
-    return "\n".join(lines)
-
-
-def _is_table(value: Any, of: str) -> bool:
-    """Whether a value is written as a table with a title, in the table `of`, at the top ""."""
-    if of not in ("", "body."):
-        return False
-    return isinstance(value, Mapping) or (isinstance(value, list) and bool(value) and isinstance(value[0], Mapping))
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return f"{{ {', '.join(f'{key} = {_value(one)}' for key, one in value.items())} }}"
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_value, value))}]"
-    return json.dumps(value, ensure_ascii=False)
-
-
 def _line(line: str) -> str:
     return f": {line[:80]}{' ...' if len(line) > 80 else ''}" if line else ""
 

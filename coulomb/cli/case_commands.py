@@ -61,7 +61,7 @@ def import_deck(
     """Write the case file that says what an input file of CalculiX or Abaqus says, to be edited and run."""
     refuse_ranks("coulomb import")
     from ..case.decks import is_deck
-    from ..case.files import as_toml
+    from ..io.run_directory import as_toml
 
     target = file or deck.with_suffix(".toml")
     with bad_input():

@@ -38,10 +38,13 @@ from ..model.solution import Solution
 from ..pictures.report.words import (
     bars_in_words,
     compared_in_words,
+    contact_in_words,
     friction_in_words,
     in_few,
+    lengths_in_words,
     other_totals,
     share_of_tolerance,
+    tie_in_words,
 )
 from ..process import animated
 from ..solvers.results import Progress, Status
@@ -113,17 +116,9 @@ def show_input(console: Console, settings: Case, problem: ContactProblem) -> Non
     supports = problem.elasticity.support_entries()
     _print(console, "support", [f"{one['kind']} on {one['face']!r}: {one['holds']}" for one in supports])
     _print(console, "found", [found_in_words(*one) for one in settings.found], len(settings.found))
-    _print(console, "contact", [contact_in_words(one) for one in contacts_of(problem)])
-    ties = ties_of(problem)
-    words = [
-        f"{one['kind']} of {one['face']!r} to {one['against']!r}: {one['nodes']} nodes, "
-        + plain(quantity(one["area"], "m²") + one.get("acts", ""))
-        + (f", up to {plain(quantity(one['apart'], 'm'))} apart" if "apart" in one else "")
-        if one["area"]
-        else f"{one['kind']} {one['face']!r}: {one['nodes']} nodes"
-        for one in ties
-    ]
-    _print(console, "tied", words)
+    contacts = [f"{one['face']!r}: {plain(contact_in_words(one))}" for one in contacts_of(problem)]
+    _print(console, "contact", contacts)
+    _print(console, "tied", [": ".join(map(plain, tie_in_words(one))) for one in ties_of(problem)])
 
 
 def found_in_words(table: ContactTable, pair: FoundPair) -> str:
@@ -131,27 +126,8 @@ def found_in_words(table: ContactTable, pair: FoundPair) -> str:
     low, high = pair.gap
     return (
         f"{table.face!r} against {table.against!r}: {plain(quantity(pair.area, 'm²', 3))} face each other, "
-        f"gap {_range({'min': low, 'max': high})}"
+        f"gap {plain(lengths_in_words({'min': low, 'max': high}))}"
     )
-
-
-def contact_in_words(one: dict[str, Any]) -> str:
-    """A contact pair from `contacts_of`."""
-    if not one["nodes"]:
-        return f"{one['face']!r}: no contact points now; {one['foundation']}"
-    gap, given = _range(one["gap"]), ""
-    if any(one["given_gap"].values()):
-        times = " times its amplitude" if "gap amplitude" in one["moves"] else ""
-        given = f", of which given {_range(one['given_gap'])}{times}"
-    moves = f", moves by {one['moves']}" if one["moves"] else ""
-    law = plain(friction_in_words(one))
-    return f"{one['face']!r}: {one['nodes']} nodes, {law}, gap {gap}{given}; {one['foundation']}{moves}"
-
-
-def _range(values: dict[str, float]) -> str:
-    """Lengths, one if all are the same."""
-    low, high = (plain(quantity(values[name], "m")) for name in ("min", "max"))
-    return low if low == high else f"{low} to {high}"
 
 
 def _print(console: Console, what: str, lines: Sequence[str], most: int = _LINES) -> None:

@@ -1,4 +1,4 @@
-"""Format of a directory of results: names of the files, and the reading of their tables.
+"""Format of a directory of results: names of the files, the reading of their tables, and a case as text.
 
 Standard library only: the command line and the processes that draw use it without loading DOLFINx, PETSc or MPI.
 """
@@ -9,6 +9,7 @@ import csv
 import json
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -190,3 +191,34 @@ def read_json(path: Path) -> dict[str, Any]:
     if not isinstance(contents, dict):
         raise ValueError(f"{path}: is not an object of JSON")
     return contents
+
+
+def as_toml(tables: Mapping[str, Any], of: str = "") -> str:
+    """Tables as the text of a case file; those inside a table with a name, as the materials of a body, are tables of
+    their own, the others are inline."""
+    lines = [f"{key} = {_value(value)}" for key, value in tables.items() if not _is_table(value, of)]
+    for key, value in tables.items():
+        if not _is_table(value, of):
+            continue
+        several = isinstance(value, list)
+        for one in value if several else [value]:
+            title = f"[[{of}{key}]]" if several else f"[{of}{key}]"
+            lines.append(f"{title}\n{as_toml(one, f'{of}{key}.')}")
+    return "\n".join(lines)
+
+
+def _is_table(value: Any, of: str) -> bool:
+    """Whether a value is written as a table with a title, in the table `of`, at the top ""."""
+    if of not in ("", "body."):
+        return False
+    return isinstance(value, Mapping) or (isinstance(value, list) and bool(value) and isinstance(value[0], Mapping))
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{key} = {_value(one)}' for key, one in value.items())} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_value, value))}]"
+    if isinstance(value, float) and "e" in (short := f"{value:g}") and float(short) == value:
+        return short  # 2e+11
+    return json.dumps(value, ensure_ascii=False)

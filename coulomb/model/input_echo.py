@@ -132,7 +132,7 @@ def _foundation(contact: Contact, foundation: RigidFoundation | None) -> str:
         return "the plane of the face"
     if not dataclasses.is_dataclass(foundation):
         return kind
-    given = {field.name: getattr(foundation, field.name) for field in dataclasses.fields(foundation)}
+    given = {of.name.removesuffix("_vector"): getattr(foundation, of.name) for of in dataclasses.fields(foundation)}
     return ", ".join([kind, *(f"{name} {_shown(value)}" for name, value in given.items() if not callable(value))])
 
 

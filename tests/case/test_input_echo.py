@@ -32,7 +32,7 @@ EXPECTED = [
     "support  clamp on 'left': x, z",
     "support  spring on 'right': stiffness (0, 1e+09, 0) N/m^3",
     "contact  'bottom': 12 nodes, Coulomb friction 0.3, gap 1 mm; plane, point (0, 0, -0.001), "
-    "normal_vector (0, 0, 1), moves by translation",
+    "normal (0, 0, 1), moves by translation",
 ]
 """Force F = t A = 2 m^2 (1e5, 0, -2e6) N at the middle of the top x = (1, 0.5, 0.5): moment x times F."""
 

@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 import warnings
 from dataclasses import replace
 from datetime import datetime
@@ -26,8 +27,8 @@ from coulomb.io.history_files import whole
 from coulomb.pictures.report import charts, results
 from coulomb.pictures.report.fields import named
 from coulomb.pictures.report.files import read_run
-from coulomb.pictures.report.problem import in_time, supports, ties_and_loads, values_in_time
-from coulomb.pictures.report.words import in_few
+from coulomb.pictures.report.problem import case_as_text, in_time, supports, values_in_time
+from coulomb.pictures.report.words import contact_in_words, in_few, tie_in_words
 from coulomb.units import number, quantity, scale_of, vector
 from coulomb.version import __version__
 
@@ -63,7 +64,8 @@ def test_page_shows_the_problem(block):
         "3 m × 1 m × 1 m",
         "192 hexahedra (12 × 4 × 4), 325 nodes",
         "Young's modulus 211.9 GPa, Poisson's ratio 0.277",
-        "traction on top (0, 10, −40) MPa",
+        "traction on top (0, 30, −120) MN",
+        'face = "top" value = [0.0, 1e+07, -4e+07]',
         "Coulomb friction 0.3",
         f"normal force {contents['force_on_body']['normal'] / 1e6:.6g} MN",
         f"largest pressure {contents['maximum']['contact_pressure'] / 1e6:.4g} MPa",
@@ -274,7 +276,7 @@ def test_a_run_from_python_has_no_case(tmp_path):
     output.write(solved_block(6), tmp_path)
     assert not (tmp_path / "case.json").exists() and not (tmp_path / "report.html").exists()
     (tmp_path / "report.html").write_text(page_without_pictures(tmp_path))
-    assert "loads (20, 30, −120) MN in all" in words_of(tmp_path) and "clamp on left x, y, z" in words_of(tmp_path)
+    assert "traction on top (0, 30, −120) MN" in words_of(tmp_path) and "clamp on left x, y, z" in words_of(tmp_path)
 
 
 def test_report_of_no_run_exits_2(tmp_path):
@@ -325,35 +327,19 @@ def test_named_fields():
         named("gapp")
 
 
-CASE = {
-    "gravity": [0.0, 0.0, -9.81],
-    "gravity_amplitude": {"table": [[0.0, 0.0], [1.0, 1.0]], "after": "error"},
-    "body": [{"name": "lower"}, {"name": "upper", "gravity": [0.0, 0.0, 0.0]}],
-    "body_force": ["10*x", 0.0, 0.0],
-    "traction": [{"face": "top", "value": [0.0, 0.0, "-1e6*x"]}, {"face": "left", "value": [1e6, 0.0, 0.0]}],
-    "pressure": [{"face": "bore", "value": 2e6}, {"face": "rim", "value": "1e5*z", "amplitude": [[0, 0], [2, 1]]}],
-    "total_force": [{"face": "lug", "force": [0.0, 0.0, -5e3]}],
-    "point_load": [{"face": "hub", "force": [0.0, 0.0, 2.0], "moment": [0.0, 3.0, 0.0]}],
-    "nodal_force": [{"face": "edge", "force": [5.0, 0.0, 0.0], "amplitude": [[0, 0], [1, 1]]}],
-    "volume_force": [{"cells": "coil", "value": [0.0, "1e3*x", 0.0]}],
-}
-
-
-def test_loads_in_words():
-    said = {name: text.replace("\u202f", " ") for name, text in ties_and_loads(CASE)}
-    assert said == {
-        "traction on top": "(0, 0, -1e6*x) Pa",
-        "traction on left": "(1, 0, 0) MPa",
-        "pressure on bore": "2 MPa",
-        "pressure on rim": "1e5*z Pa, factor 0 at 0 s, 1 at 2 s",
-        "point load on hub": "(0, 0, 2) N, (0, 3, 0) N m",
-        "total force on lug": "(0, 0, −5) kN",
-        "force at every node of edge": "(5, 0, 0) N, factor 0 at 0 s, 1 at 1 s",
-        "force in the volume of coil": "(0, 1e3*x, 0) N/m³",
-        "body force": "(10*x, 0, 0) N/m³",
-        "gravity": "(0, 0, −9.81) m/s², factor 0 at 0 s, 1 at 1 s, not defined after the last",
-        "gravity on upper": "(0, 0, 0) m/s², factor 0 at 0 s, 1 at 1 s, not defined after the last",
+def test_the_case_as_text(block):
+    """All that was given, without the places of this machine."""
+    case = {
+        "body_force": ["10*x", 0.0, 0.0],
+        "mesh": {"file": "/home/me/part.msh", "scale": 1e-3},
+        "traction": [{"face": "top", "value": [0.0, 0.0, "-1e6*x"], "amplitude": [[0, 0], [2, 1]]}],
+        "rigid_face": [{"face": "hub", "translation": {"x": None, "y": 1e-3}}],
     }
+    text = case_as_text(replace(read_run(block), case=case))
+    assert "part.msh" in text and "/home" not in text
+    case["mesh"]["file"], case["rigid_face"][0]["translation"] = "part.msh", {"y": 1e-3}
+    assert tomllib.loads(text) == case
+    assert case_as_text(replace(read_run(block), case=None)) == ""
 
 
 def test_supports_in_words():
@@ -386,17 +372,22 @@ def test_supports_in_words():
     ]
 
 
-def test_rigid_faces_in_words():
-    back = {
-        "face": "back",
-        "along": "free",
-        "translation": {"x": None, "y": 1e-3},
-    }
-    hub = {"face": "hub", "along": "rigid"}
-    assert ties_and_loads({"rigid_face": [back, hub]}) == [
-        ("plane face back", "translation y = 0.001"),
-        ("rigid face hub", "free"),
-    ]
+def test_ties_and_contacts_in_words():
+    tie = {"kind": "tie", "face": "a:top", "against": "b:bottom", "nodes": 9, "area": 2e-4, "apart": 1e-6}
+    assert tie_in_words(tie) == ("tie of 'a:top' to 'b:bottom'", "9 nodes, 2\u202fcm², up to 1\u202fµm apart")
+    assert tie_in_words({"kind": "rigid face", "face": "hub", "nodes": 1, "area": 0.0}) == (
+        "rigid face 'hub'",
+        "1 node",
+    )
+    ends = {"min": 0.0, "max": 1e-3}
+    given = {"gap": ends, "given_gap": ends, "moves": "translation and gap amplitude", "foundation": "the face 'b:top'"}
+    law = {"law": "coulomb", "friction": 0.3}
+    said = contact_in_words({"nodes": 4, **law, **given}).replace("\u202f", " ")
+    assert said == (
+        "4 nodes, Coulomb friction 0.3, gap 0 m to 1 mm, of which given 0 m to 1 mm times its amplitude; "
+        "the face 'b:top', moves by translation and gap amplitude"
+    )
+    assert contact_in_words({"nodes": 0, **law, **given}) == "no contact points now; the face 'b:top'"
 
 
 def test_load_curves_in_words_and_numbers():

@@ -104,6 +104,7 @@ def render(run: Run) -> str:
             "error_bars": results.error_bars(run),
             "stresses": results.stresses(run),
         },
+        case=problem.case_as_text(run),
         error_meshes=compared_in_words(run.summary),
         left_by_tolerance=results.left_by_tolerance(run),
         checks=results.checks(run),

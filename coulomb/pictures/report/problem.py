@@ -1,19 +1,19 @@
-"""The problem as rows of text: bodies, materials, supports, loads and contact, from the case and the files of a run."""
+"""The problem as rows of text: bodies, materials, supports, ties and contact, as they were understood; and its case."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from ...arrays import FloatArray
-from ...contact_fields import named_faces
+from ...io.run_directory import as_toml
 from ...load_curve import LoadCurve
-from ...units import in_seconds, number, quantity, used, vector
+from ...units import in_seconds, number, quantity, used
 from .files import Run
 from .grids import blocks_of
-from .words import friction_in_words, in_nodes
+from .words import contact_in_words, in_nodes, tie_in_words
 
 Facts = list[tuple[str, str]]
 
@@ -48,16 +48,6 @@ def bodies_and_meshes(run: Run) -> list[tuple[str, str]]:
 _ROWS: Final = 8
 """Maximum number of rows of a table in time that are shown."""
 
-_LOADS: Final = {
-    "traction": ("traction on", {"value": "Pa"}),
-    "pressure": ("pressure on", {"value": "Pa"}),
-    "point_load": ("point load on", {"force": "N", "moment": "N m"}),
-    "total_force": ("total force on", {"force": "N"}),
-    "nodal_force": ("force at every node of", {"force": "N"}),
-    "volume_force": ("force in the volume of", {"value": "N/m³"}),
-}
-"""Loads of a case: title, and the units of their values."""
-
 _AFTER = {"error": ", not defined after the last", "repeat": ", repeated"}
 
 
@@ -67,87 +57,17 @@ def supports(summary: dict[str, Any]) -> Facts:
     return [(f"{one['kind']} on {one['face']}", one["holds"] + in_time(one.get("amplitude"))) for one in given]
 
 
-def ties_and_loads(case: dict[str, Any]) -> Facts:
-    """Rigid faces, ties, equations, bolts and loads of a case.json, as pairs of name and description."""
-    facts: Facts = []
-    for face in case.get("rigid_face", ()):
-        moves = [
-            f"{what} {axis} = {value}" + in_time(face.get(f"{what}_{axis}_amplitude"))
-            for what in ("translation", "rotation")
-            for axis, value in (face.get(what) or {}).items()
-            if value is not None
-        ]
-        kind = "plane face" if face.get("along") == "free" else "rigid face"
-        facts.append((f"{kind} {face['face']}", (", ".join(moves) or "free") + in_time(face.get("amplitude"))))
-    for kind in ("tie", "cyclic_symmetry"):
-        facts += [(f"{kind.replace('_', ' ')} of {tie['face']}", f"to {tie['against']}") for tie in case.get(kind, ())]
-    for equation in case.get("equation", ()):
-        terms = [f"{number(one['coefficient'])} u_{one['component']}({one['nodes']})" for one in equation["terms"]]
-        constant = quantity(equation.get("constant", 0.0), "m")
-        facts.append(("equation", f"{' + '.join(terms)} = {constant}{in_time(equation.get('amplitude'))}"))
-    for bolt in case.get("pretension", ()):
-        given = quantity(bolt["force"], "N") if bolt["force"] is not None else quantity(bolt["shortening"], "m")
-        lock = "" if bolt["lock"] is None else f", locked at {number(bolt['lock'])} s"
-        facts.append((f"pretension of {bolt['face']}", f"{given}{lock}{in_time(bolt.get('amplitude'))}"))
-    for kind, (title, values) in _LOADS.items():
-        for load in case.get(kind, ()):
-            shown = ", ".join(_with_unit(load[name], unit) for name, unit in values.items() if name in load)
-            where = load.get("face") or load["cells"]
-            facts.append((f"{title} {where}", shown + in_time(load.get("amplitude"))))
-    for heat in case.get("heat", ()):
-        kinds = {"temperature": "temperature of", "flux": "heat flux into", "film": "film on", "source": "heat in"}
-        kind = next(name for name in kinds if name in heat)
-        units = {"temperature": "", "flux": "W/m²", "film": "W/(m² K)", "source": "W/m³"}
-        beyond = f", {number_at(heat['ambient'])} beyond" if "ambient" in heat else ""
-        where = heat.get("face") or heat.get("body") or "all bodies"
-        value = f"{number_at(heat[kind])} {used().name(units[kind])}".strip() + beyond + in_time(heat.get("amplitude"))
-        facts.append((f"{kinds[kind]} {where}", value))
-    for key, name, unit in (("body_force", "body force", "N/m³"), ("gravity", "gravity", "m/s²")):
-        value = case.get(key, ())
-        if any(value):
-            facts.append((name, f"{_bare(value)} {used().name(unit)}{in_time(case.get(f'{key}_amplitude'))}"))
-    for body in case.get("body", ()):
-        if (own := body.get("gravity")) is not None:
-            shown = f"{_bare(own)} {used().name('m/s²')}{in_time(case.get('gravity_amplitude'))}"
-            facts.append((f"gravity on {body['name']}", shown))
-    return facts
-
-
-def _with_unit(value: float | str | Sequence[float | str], unit: str) -> str:
-    """A number or a vector, whose components may be expressions of place."""
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return vector_at(value, unit)
-    return f"{value} {used().name(unit)}" if isinstance(value, str) else quantity(value, unit)
-
-
-def vector_at(value: Sequence[float | str], unit: str) -> str:
-    """A vector, whose components may be expressions of place."""
-    numbers = [component for component in value if not isinstance(component, str)]
-    return vector(numbers, unit) if len(numbers) == len(value) else f"{_bare(value)} {used().name(unit)}"
-
-
-def number_at(value: float | str) -> str:
-    """A number, or an expression of place."""
-    return value if isinstance(value, str) else number(value)
-
-
-def _bare(value: Sequence[float | str]) -> str:
-    return f"({', '.join(map(number_at, value))})"
-
-
 def in_time(amplitude: Any) -> str:
     """A factor in time: rows [time, factor], a load curve, or what it is in words; empty without one."""
     if isinstance(amplitude, str):
         return f", times {amplitude}"
-    shown = _rows_in_time(amplitude, lambda values: number(values[0]))
-    return shown and f", factor {shown}"
-
-
-def _rows_in_time(given: Any, shown: Callable[[Sequence[float]], str]) -> str:
-    """Rows of a table in time of a case.json, and what follows the last if it is not its value; empty without rows."""
-    rows, after = (given["table"], given.get("after", "hold")) if isinstance(given, dict) else (given or [], "hold")
-    more = ", …" if len(rows) > _ROWS else ""
-    return ", ".join(f"{shown(row[1:])} at {in_seconds(row[0])}" for row in rows[:_ROWS]) + more + _AFTER.get(after, "")
+    rows, after = amplitude, "hold"
+    if isinstance(amplitude, dict):
+        rows, after = amplitude["table"], amplitude.get("after", after)
+    if not rows:
+        return ""
+    shown = ", ".join(f"{number(factor)} at {in_seconds(time)}" for time, factor in rows[:_ROWS])
+    return f", factor {shown}{', …' if len(rows) > _ROWS else ''}{_AFTER.get(after, '')}"
 
 
 def values_in_time(given: Any, times: Sequence[float]) -> FloatArray:
@@ -159,7 +79,7 @@ def values_in_time(given: Any, times: Sequence[float]) -> FloatArray:
 
 
 def geometry(run: Run) -> Facts:
-    """Size, mesh, materials, supports, loads, contact: from the case if there is one, else from the files."""
+    """Size, mesh, materials, supports, ties and contact, as they were understood; loads are among the forces."""
     unknowns, summary = run.summary["unknowns"], run.summary
     facts = [
         *bodies_and_meshes(run),
@@ -174,7 +94,25 @@ def geometry(run: Run) -> Facts:
         facts.append((f"the user's own forms{f' of {body}' if body else ''}", text))
     facts += _temperature(summary)
     facts += supports(summary)
-    return facts + (ties_and_loads(run.case) if run.case is not None else _of_fields(run)) + _contact(run)
+    understood, method = summary.get("understood", {}), summary["method"]
+    facts += [tie_in_words(tie) for tie in understood.get("ties", ())]
+    facts += [(f"contact of {one['face']!r}", contact_in_words(one)) for one in understood.get("contacts", ())]
+    if run.is_history:
+        facts.append(("history", f"{len(run.rows)} load steps to time {in_seconds(run.rows[-1]['time'])}"))
+    return [*facts, ("method", f"{method['solver']}; K⁻¹ by {method['stiffness']}; A {method['compliance']}")]
+
+
+def case_as_text(run: Run) -> str:
+    """The case as a case file, with files by their names alone; empty for a run without."""
+
+    def shown(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: shown(one) for key, one in value.items() if one is not None}
+        if isinstance(value, list):
+            return [shown(one) for one in value]
+        return value.rpartition("/")[2] if isinstance(value, str) and value.startswith("/") else value
+
+    return as_toml(shown(run.case or {}))
 
 
 def _material(material: dict[str, Any]) -> str:
@@ -206,73 +144,3 @@ def _temperature(summary: dict[str, Any]) -> Facts:
     ends = list(dict.fromkeys(number(change[name]) for name in ("min", "max")))
     reference = number(summary["reference_temperature"])
     return [("temperature change", f"{' to '.join(ends)} K from the reference {reference}")]
-
-
-def _of_fields(run: Run) -> Facts:
-    """Facts of a run without case.json, from Python."""
-    load = run.steps[-1].grid("solution").fields.get("load")
-    return [] if load is None else [("loads", f"{vector(load.sum(axis=0).tolist(), 'N')} in all")]
-
-
-def _contact(run: Run) -> Facts:
-    given = (run.case or {}).get("contact", {})
-    contacts = given if isinstance(given, list) else [given]
-    faces = [name for name, _ in named_faces(run.summary["faces"])]
-    named = f"contact {'faces' if len(faces) > 1 else 'face'}"
-    facts = [(named, f"{', '.join(faces)}; {in_nodes(run.summary['nodes']['contact'], 'contact')}")]
-    changing = [contact for contact in contacts if _changing_friction(contact, "")]
-    facts.append(("friction law in the last step" if changing else "friction", friction_in_words(run.summary)))
-    for contact in contacts if run.case is not None else ():
-        where = f" at {contact['face']}" if len(contacts) > 1 else ""
-        facts += _changing_friction(contact, where) + _foundation(contact, where)
-    if run.is_history:
-        facts.append(("history", f"{len(run.rows)} load steps to time {in_seconds(run.rows[-1]['time'])}"))
-    method = run.summary["method"]
-    used = f"{method['solver']}; K⁻¹ by {method['stiffness']}; A {method['compliance']}"
-    return [*facts, ("method", used)]
-
-
-def _changing_friction(contact: dict[str, Any], where: str) -> Facts:
-    """How friction at a contact face of the case depends on slip rate and time; empty where it does not."""
-    facts: Facts = []
-    law = contact.get("friction")
-    if isinstance(law, dict):
-        static, kinetic, speed = (number_at(law[key]) for key in ("static", "kinetic", "decay_speed"))
-        shown = f"static {static}, kinetic {kinetic}, decay speed {speed} {used().name('m/s')}"
-        facts.append((f"friction by slip rate{where}", shown))
-    if contact.get("friction_amplitude"):
-        facts.append((f"friction in time{where}", in_time(contact["friction_amplitude"]).removeprefix(", ")))
-    return facts
-
-
-def _foundation(contact: dict[str, Any], where: str) -> Facts:
-    """Foundation of a contact face of the case, and its motion; `where` is appended to the names."""
-    facts: Facts = []
-    foundation = contact.get("foundation")
-    if contact.get("against"):
-        facts.append((f"pair{where}", f"{contact['face']} and {contact['against']}"))
-    elif foundation:
-        shape = foundation.get("shape", "plane")
-        more = [f"{key} {vector(value, 'm')}" for key in ("point", "centre") if (value := foundation.get(key))]
-        more += [f"{key} {_bare(foundation[key])}" for key in ("normal", "axis") if key in foundation]
-        more += [f"radius {quantity(foundation['radius'], 'm')}"] if "radius" in foundation else []
-        hollow = ", hollow" if foundation.get("hollow") else ""
-        facts.append((f"foundation{where}", f"{shape}{hollow}: {', '.join(more)}"))
-    else:
-        facts.append((f"foundation{where}", "the plane of the face"))
-    if contact.get("gap"):
-        given, in_steps = contact["gap"], in_time(contact["gap_amplitude"]) if contact.get("gap_amplitude") else ""
-        source = (
-            f"{given['field']} of {given['file']}"
-            if isinstance(given, dict)
-            else f"{number_at(given)} {used().name('m')}"
-        )
-        facts.append((f"given gap{where}", f"{source}{in_steps}"))
-    if contact.get("motion"):
-        moved = _rows_in_time(contact["motion"], lambda values: vector(values, "m"))
-        facts.append((f"motion of the foundation{where}", moved))
-    if rotation := contact.get("rotation"):
-        axis = f"about ({', '.join(map(number, rotation['axis']))}) through {vector(rotation['point'], 'm')}"
-        turned = _rows_in_time(rotation["angle"], lambda values: f"{number(values[0])} rad")
-        facts.append((f"rotation of the foundation{where}", f"{axis}: {turned}" if turned else axis))
-    return facts

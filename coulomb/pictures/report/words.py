@@ -1,4 +1,4 @@
-"""Words of a summary: error bars, other meshes, the law of friction, numbers of nodes."""
+"""Words of a summary: contacts, ties, error bars, other meshes, the law of friction, numbers of nodes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from ...units import NARROW, in_prefixed, number, with_bar
+from ...units import NARROW, in_prefixed, number, quantity, with_bar
 
 _DIGITS: Final = 1e-4
 """Part of a total that its fourth digit is."""
@@ -145,3 +145,31 @@ def friction_in_words(law: Mapping[str, Any]) -> str:
     if law["law"] == "coulomb":
         return f"Coulomb friction {friction}"
     return f"Mohr-Coulomb friction {friction}, cohesion {of('cohesion', 'Pa')}"
+
+
+def contact_in_words(one: Mapping[str, Any]) -> str:
+    """A contact from `understood` in a summary: contact points, law, gap, and what it touches."""
+    if not one["nodes"]:
+        return f"no contact points now; {one['foundation']}"
+    given = ""
+    if any(one["given_gap"].values()):
+        times = " times its amplitude" if "gap amplitude" in one["moves"] else ""
+        given = f", of which given {lengths_in_words(one['given_gap'])}{times}"
+    moves = f", moves by {one['moves']}" if one["moves"] else ""
+    law, gap = friction_in_words(one), lengths_in_words(one["gap"])
+    return f"{in_nodes(one['nodes'])}, {law}, gap {gap}{given}; {one['foundation']}{moves}"
+
+
+def tie_in_words(one: Mapping[str, Any]) -> tuple[str, str]:
+    """What a tie from `understood` in a summary is called, and how much is tied."""
+    nodes = in_nodes(one["nodes"])
+    if not one["area"]:
+        return f"{one['kind']} {one['face']!r}", nodes
+    apart = f", up to {quantity(one['apart'], 'm')} apart" if "apart" in one else ""
+    name = f"{one['kind']} of {one['face']!r} to {one['against']!r}"
+    return name, f"{nodes}, {quantity(one['area'], 'm²')}{one.get('acts', '')}{apart}"
+
+
+def lengths_in_words(ends: Mapping[str, float]) -> str:
+    """The smallest and the largest of lengths, once if they are the same."""
+    return " to ".join(dict.fromkeys(quantity(ends[name], "m") for name in ("min", "max")))

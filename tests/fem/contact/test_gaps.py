@@ -13,10 +13,11 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Plane
 from coulomb.case.case import read_case
 from coulomb.case.record import case_record
-from coulomb.cli.terminal import contact_in_words
 from coulomb.model import contact_faces as contacts
 from coulomb.model.input_echo import contacts_of
+from coulomb.pictures.report.words import contact_in_words
 from coulomb.recheck import check
+from coulomb.units import plain
 
 RUBBER = Material(1e7, 0.3)
 
@@ -115,9 +116,9 @@ def test_what_was_understood_of_a_gap():
     (pair,) = contacts_of(block(lambda x: 1e-4 * x[0] - 5e-5, [(0.0, 0.5), (1.0, 1.0)]))
     assert [pair["given_gap"]["min"], pair["given_gap"]["max"]] == pytest.approx([-5e-5, 1.5e-4])
     assert [pair["gap"]["min"], pair["gap"]["max"]] == pytest.approx([-2.5e-5, 7.5e-5])
-    assert "gap -25 um to 75 um, of which given -50 um to 150 um times its amplitude" in contact_in_words(pair)
+    assert "gap -25 um to 75 um, of which given -50 um to 150 um times its amplitude" in plain(contact_in_words(pair))
     (pair,) = contacts_of(block())
-    assert "given" not in contact_in_words(pair)
+    assert "given" not in plain(contact_in_words(pair))
 
 
 @pytest.mark.parametrize(
