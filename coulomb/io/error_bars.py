@@ -24,6 +24,7 @@ from ..model.load_history import LoadHistory
 from ..model.load_step import LoadStep
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
+from ..model.solving import Solving
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE
@@ -196,7 +197,7 @@ def error_of(
     if solution.problem.before is not None:
         raise NoErrorBars("a load step has error bars with all steps before: output.error = true of a case")
     refuse_another_problem(solution, others)
-    found = [answer_of(solution, tolerance)]
+    found, solving = [answer_of(solution, tolerance)], Solving(tolerance, solver, progress)
     if others:
         bars = bars_of([*found, *(answer_of(other, tolerance) for other in others)])
         return (
@@ -208,31 +209,24 @@ def error_of(
     for way in other_problems(solution.problem):
         for problem in way:
             try:
-                found.append(answer_on(problem, tolerance, solver, progress))
+                found.append(answer_on(problem, solving))
             except ValueError as error:
                 refusals.append(str(error))
                 break
         if len(found) > 1:  # one other mesh will do
-            return with_second_order(solution, found, tolerance, solver, progress)
+            return with_second_order(solution, found, solving)
     raise NoErrorBars(refusals[0])
 
 
-def with_second_order(
-    solution: Solution,
-    found: Sequence[Answer],
-    tolerance: float,
-    solver: Solver | None = None,
-    progress: ProgressCallback | None = None,
-    unknown: float = 0.0,
-) -> ErrorBars:
+def with_second_order(solution: Solution, found: Sequence[Answer], solving: Solving, unknown: float = 0.0) -> ErrorBars:
     """`bars_of` the answers found, where first-order cells may lock also with that of second order on the same cells;
-    collective.  Arguments as of `error_of` and `bars_of`."""
+    collective."""
     bars = bars_of(found, unknown)
     if not _may_lock(solution.problem, bars):
         return bars
     try:
         problem = next(other_problems(solution.problem, (same_cells,)))[0]
-        return bars_of([*found, answer_on(problem, tolerance, solver, progress)], unknown)
+        return bars_of([*found, answer_on(problem, solving)], unknown)
     except ValueError as error:
         return replace(bars, warnings=(*bars.warnings, f"{UNCOMPARED}: {error}"))
 

@@ -13,8 +13,8 @@ from ..fem.meshes import JoinedMesh, NamedMesh, coarser_meshes, same_cells, smal
 from ..model.discrete_problem import DiscreteProblem
 from ..model.memory import least_room
 from ..model.problem import ContactProblem
-from ..solvers.friction_problem import Solver
-from ..solvers.results import NotConverged, ProgressCallback
+from ..model.solving import Solving
+from ..solvers.results import NotConverged
 from .answer import Answer, answer_of
 from .locking import needs_second_order
 
@@ -75,16 +75,14 @@ def without_remarks() -> Iterator[None]:
         log.setLevel(level)
 
 
-def answer_on(
-    problem: ContactProblem, tolerance: float, solver: Solver | None, progress: ProgressCallback | None
-) -> Answer:
+def answer_on(problem: ContactProblem, solving: Solving) -> Answer:
     """The answer on another mesh; NoErrorBars if there is none; collective."""
     began = time.perf_counter()
     try:
         refuse_too_large(problem)
         with without_remarks():
-            answer = problem.solve(tolerance, solver, progress)
+            answer = problem.solve(solving.tolerance, solving.solver, solving.progress)
     except (NotConverged, ValueError) as error:
         unknowns = problem.unknowns["displacement"]
         raise NoErrorBars(f"on another mesh ({unknowns} unknowns): {error}") from None
-    return replace(answer_of(answer, tolerance), seconds=time.perf_counter() - began)
+    return replace(answer_of(answer, solving.tolerance), seconds=time.perf_counter() - began)

@@ -15,6 +15,7 @@ from ..fem.contact import interpolated_forces
 from ..fem.meshes import finer
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
+from ..model.solving import Solving
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE
@@ -82,7 +83,7 @@ def refine(
         NotConverged: As of `ContactProblem.solve`, on the first mesh.
     """
     _refuse(problem, to, totals, unknowns)
-    posed, start = problem, None
+    posed, start, solving = problem, None, Solving(tolerance, solver, progress)
     answers: list[Answer] = []
     best: Refined | None = None
     while True:
@@ -106,7 +107,7 @@ def refine(
         if len(answers) > 1:
             best = with_bars(bars_of(answers[:3], unknown))
             if best.largest <= to:
-                best = with_bars(with_second_order(solution, answers[:3], tolerance, solver, progress, unknown))
+                best = with_bars(with_second_order(solution, answers[:3], solving, unknown))
         said(best, relative_error(stress.values()))
         if best.largest <= to:
             return best
@@ -119,7 +120,7 @@ def refine(
                 if len(answers) == 1:  # no finer mesh: others tell
                     best = with_bars(error_of(solution, tolerance=tolerance, solver=solver, progress=progress))
                 else:
-                    best = with_bars(with_second_order(solution, answers[:3], tolerance, solver, progress, unknown))
+                    best = with_bars(with_second_order(solution, answers[:3], solving, unknown))
                 enough = best.largest <= to
                 trouble = "" if enough else f"the next mesh would have {many} unknowns, more than {unknowns}"
                 return replace(best, trouble=trouble)
