@@ -83,7 +83,7 @@ def check_alone(files: RunDirectory, why: str) -> Findings:
     taken = (f"judged from the files alone, since {why}: {_JUDGED}", f"not judged without the problem: {_LEFT}")
     names = dict.fromkeys(one for grid in solids for one in grid.fields if one not in OURS)
     left = named(found.left) + [f"{one} of {SOLUTION}" for one in names]
-    return Findings(contents, None, violations, tuple(found.faults), taken, (*left, *unread(files)))
+    return Findings(contents, None, violations, found.faults, taken, [*left, *unread(files)])
 
 
 def _contact(

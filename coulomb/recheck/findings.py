@@ -31,11 +31,11 @@ class Findings:
 
     contents: Mapping[str, Any]
     certificate: Certificate | None
-    outside: tuple[str, ...]
-    faults: tuple[str, ...]
-    taken: tuple[str, ...]
-    unjudged: tuple[str, ...]
-    steps: tuple[Findings, ...] = ()
+    outside: Sequence[str]
+    faults: Sequence[str]
+    taken: Sequence[str]
+    unjudged: Sequence[str]
+    steps: Sequence[Findings] = ()
 
     @property
     def number(self) -> int:

@@ -45,8 +45,7 @@ def check_history(files: RunDirectory, posed: Posed | str, say: Callable[[str], 
         check_series(files, summaries, found)
     trusted += check_times(None if isinstance(posed, str) else posed.settings, summaries, found)
     left += [*named(found.left), f"path_following and residual of {HISTORY}", *unread(files)]
-    said = tuple(found.faults), tuple(trusted), tuple(dict.fromkeys(left))
-    return Findings(files.read_summary(), None, (), *said, steps=tuple(steps))
+    return Findings(files.read_summary(), None, (), found.faults, trusted, list(dict.fromkeys(left)), steps)
 
 
 def complete_steps(files: RunDirectory) -> tuple[int, list[str]]:

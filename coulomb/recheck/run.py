@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import partial
 from itertools import zip_longest
 from typing import Any, Final
 
@@ -31,7 +30,7 @@ from ..ranks import on_rank_0
 from ..solvers.successive_tresca import SuccessiveTresca
 from ..version import __version__
 from .comparison import Comparison, Field, Place, complete, in_files, named
-from .fields import Grids, fields_of, grids_of, sound
+from .fields import fields_of, grids_of, sound
 from .files_alone import check_alone
 from .findings import Findings, unread
 from .posed import SEEDS, Posed, WrittenAnswer, numbers_of
@@ -106,48 +105,36 @@ def judged(files: RunDirectory, posed: Posed | str, before: Sequence[State] | No
     _compare_temperature(answers[0], found)
     numbers = [numbers_of(one, contents, state) for one, state in zip_longest(answers, states)]
     grids = [grids_of(one, contents.get("error")) for one in answers]
-    compare = partial(_compare, files, contents, posed, answers[0], numbers, grids, found, *there)
-    faults, unjudged = on_rank_0(comm, lambda: complete(files.path, compare))
+
+    def compare() -> list[str]:
+        """Compare what is in the files; gives the names of what was not compared."""
+        written, expected, *others = (fields_of(files.path, of, grids[0]) for of in (there[0], *grids))
+        for tree, names in ((expected, COMPLIANCES), *((other, _EXACT) for other in others)):
+            for grid in tree[CONTACT].values():
+                for name in names:
+                    grid.pop(name, None)
+        bounds = expected[CONTACT].values() if SuccessiveTresca.name in str(contents.get("method")) else ()
+        for grid in (grid for grid in bounds if "slip_bound" in grid):
+            limit = _SLIP_BOUND + 10.0 * answers[0].certificate["natural residual"].value
+            bound = grid["slip_bound"]
+            grid["slip_bound"] = bound._replace(floor=limit * float(np.linalg.norm(bound.values)))
+        for name in (CONTACT, SOLUTION):  # in a list that is cut
+            found.tree(there[1][name], problems[0].time, (), (name, WHOLE, "time"))
+            found.tree(written[name], expected[name], [other[name] for other in others], (name,))
+        said = dict(contents)
+        if "step" in said:  # `_compare_record` judges the case, `check_times` the rest
+            apart = ("case", "pending", "halvings")
+            said["step"] = {name: one for name, one in said["step"].items() if name not in apart}
+            _compare_record(contents["step"].get("case"), posed.settings, found)
+        found.tree(said, numbers[0], numbers[1:], (SUMMARY,))
+        compare_error_bars(contents, found)
+        ours = [place for place in found.left if place[0] == SOLUTION and place[-1] in OURS]
+        found.faults += [f"{in_files(place)}: is none of the case" for place in ours]
+        return named([place for place in found.left if place not in ours]) + unread(files)
+
+    unjudged, faults = on_rank_0(comm, lambda: (complete(files.path, compare), found.faults))
     taken = [] if contents.get("coulomb") == __version__ else [f"written by coulomb {contents.get('coulomb')}"]
-    said = tuple(faults), tuple(taken), tuple(unjudged)
-    return Findings(contents, answers[0].certificate, answers[0].outside, *said), states
-
-
-def _compare(
-    files: RunDirectory,
-    contents: dict[str, Any],
-    posed: Posed,
-    answer: Solution,
-    numbers: list[dict[str, Any]],
-    grids: list[Grids],
-    found: Comparison,
-    there: Grids,
-    times: dict[str, float],
-) -> tuple[list[str], list[str]]:
-    """Compare what is in the files with the numbers and the grids of the answer, and of perturbed ones; gives the
-    faults, and the names of what was not compared."""
-    written, expected, *others = (fields_of(files.path, of, grids[0]) for of in (there, *grids))
-    for tree, names in ((expected, COMPLIANCES), *((other, _EXACT) for other in others)):
-        for grid in tree[CONTACT].values():
-            for name in names:
-                grid.pop(name, None)
-    bounds = expected[CONTACT].values() if SuccessiveTresca.name in str(contents.get("method")) else ()
-    for grid in (grid for grid in bounds if "slip_bound" in grid):
-        limit = _SLIP_BOUND + 10.0 * answer.certificate["natural residual"].value
-        grid["slip_bound"] = grid["slip_bound"]._replace(floor=limit * float(np.linalg.norm(grid["slip_bound"].values)))
-    for name in (CONTACT, SOLUTION):  # in a list that is cut
-        found.tree(times[name], answer.problem.time, (), (name, WHOLE, "time"))
-        found.tree(written[name], expected[name], [other[name] for other in others], (name,))
-    said, (first, *more) = dict(contents), [dict(one) for one in numbers]
-    if "step" in said:  # `_compare_record` judges the case, `check_times` the rest
-        apart = ("case", "pending", "halvings")
-        said["step"] = {name: one for name, one in said["step"].items() if name not in apart}
-        _compare_record(contents["step"].get("case"), posed.settings, found)
-    found.tree(said, first, more, (SUMMARY,))
-    compare_error_bars(contents, found)
-    ours = [place for place in found.left if place[0] == SOLUTION and place[-1] in OURS]
-    found.faults += [f"{in_files(place)}: is none of the case" for place in ours]
-    return found.faults, named([place for place in found.left if place not in ours]) + unread(files)
+    return Findings(contents, answers[0].certificate, answers[0].outside, faults, taken, unjudged), states
 
 
 def _compare_record(record: Any, settings: Case | None, found: Comparison) -> None:

@@ -193,7 +193,7 @@ def test_columns_of_no_step(tmp_path):
     folder = copied(BALL, tmp_path / "run")
     lines = (folder / "history.csv").read_text().splitlines()
     (folder / "history.csv").write_text("\n".join([f"{lines[0]},more", *(f"{line},1" for line in lines[1:])]) + "\n")
-    assert check(folder).faults == ("history.csv: has columns that no load step has: more",)
+    assert check(folder).faults == ["history.csv: has columns that no load step has: more"]
 
 
 def test_a_halved_step_agrees(tmp_path):

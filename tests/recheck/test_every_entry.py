@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from bodies_runs import TWO, UNLOADED
 from case_texts import body, one_body
-from check_runs import BALL, BLOCK, TRESCA_STEPS, WEDGE, copied, get, leaves, made, one_entry, put, scaled, shown
+from check_runs import BALL, BLOCK, TRESCA_STEPS, WEDGE, copied, get, leaves, made, one_entry, put, shown
 from history_runs import ENDING_SUPPORTS, ENDING_TIES, PRESS_FIT, RUBBER_ON_RUBBER, SHOE, TURNED_BOLT, TURNED_FACE
 from mpi4py import MPI
 from resumed_rows import rows_of, same_to_the_tolerance
@@ -195,14 +195,6 @@ def changed_fields(folder, spoil, left):
                     data = fields[f"{field}/0"]
                     data[...] = spoil(data[...])
                     yield f"{file}.xdmf: {field}{f' of {grid}' if grid else ''}: "
-
-
-@pytest.mark.parametrize("name", ["hexahedra", "tetrahedra"])
-def test_a_millionth_of_every_field(name, tmp_path):
-    folder = copied(RUNS[name][0], tmp_path / "run") / RUNS[name][1]
-    changed = list(changed_fields(folder, scaled(1.0 + 1e-6), GIVEN))
-    faults = check(folder).faults
-    assert not [start for start in changed if not any(fault.startswith(start) for fault in faults)]
 
 
 OF_STEP = ("number", "time", "case", "pending", "halvings")
