@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray, side_by_side, squares
+from ..arrays import FloatArray, squares
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Linearization:
     @cached_property
     def _disc(self) -> FloatArray:
         """Derivative of -z2 along dx_n, dx_t1, dx_t2, shape (m, 3); 0 without friction."""
-        return side_by_side(-self.k, self.y[:, 0], self.y[:, 1]) * self.frictional[:, None]
+        return np.column_stack([-self.k, self.y[:, 0], self.y[:, 1]]) * self.frictional[:, None]
 
     @cached_property
     def _C(self) -> FloatArray:

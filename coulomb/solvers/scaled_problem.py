@@ -32,7 +32,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from ..arrays import FloatArray, side_by_side, squares
+from ..arrays import FloatArray, squares
 from ..linalg.compliance import Compliance, Constraints, Formed, RecycledColumns
 from ..linalg.reductions import Reductions
 from .friction_problem import FrictionProblem
@@ -332,12 +332,12 @@ class ScaledProblem:
     def forces(self, x_n: FloatArray, y: FloatArray) -> FloatArray:
         """x = (x_n, r y), shape (m, 3)."""
         r = self.law.radius(x_n)
-        return side_by_side(x_n, r * y[:, 0], r * y[:, 1])
+        return np.column_stack([x_n, r * y[:, 0], r * y[:, 1]])
 
     def slack(self, x_n: FloatArray, y: FloatArray) -> FloatArray:
         """z, shape (m, 2); 0 where there is no constraint."""
         disc = 0.5 * self.law.radius(x_n) * (1.0 - squares(y))
-        return self.on_constraints(side_by_side(x_n - self.lower, disc))
+        return self.on_constraints(np.column_stack([x_n - self.lower, disc]))
 
     def gradient(self, v: Iterate) -> FloatArray:
         """(w_n - nu1, w_t + nu2 y) on the unknowns, shape (m, 3)."""
@@ -382,7 +382,7 @@ class ScaledProblem:
         """Weights of the rows, shape (m, 3): 1 for gaps, min(r, 1) for slips, which is 1 where there is no slope;
         open nodes get no weight if friction is proportional to pressure."""
         t = np.minimum(self.law.radius(x_n), 1.0)
-        return side_by_side(self._ones, t, t) / self.energy
+        return np.column_stack([self._ones, t, t]) / self.energy
 
     def distance_to_boundary(self, v: Iterate, dx_n: FloatArray, dy: FloatArray, dnu: FloatArray) -> float:
         """Largest alpha with x_n + alpha dx_n >= lower, |y + alpha dy| <= 1, nu + alpha dnu >= 0; inf if there is none.

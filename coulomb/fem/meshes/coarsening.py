@@ -14,15 +14,13 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from ...arrays import FloatArray, distinct
+from ...arrays import distinct
 from .. import compat
 from .curving import CREASE, arcs, put_on_surfaces
 from .exchange import on_first_rank
@@ -30,6 +28,7 @@ from .inspection import InspectedMesh
 from .mesh_file import FACETS
 from .mesh_parts import places, sets
 from .meshes import from_first_rank, refuse_flat_cells
+from .meshio_format import by_meshio
 from .named_mesh import NamedMesh
 from .sheet_extraction import extract_sheets
 from .xdmf_writing import gathered
@@ -43,6 +42,9 @@ stay, as hexahedra do by `sheet_extraction.SEEN`."""
 
 GRADATION: Final = 1.5
 """Largest ratio of the lengths of two edges at one corner."""
+
+_NUMBERS: Final = "medit:ref"
+"""Of what facets and cells belong to, in MMG's files by meshio."""
 
 _ENDS = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 
@@ -85,6 +87,8 @@ def mmg() -> Path | None:
 
 
 def _by_mmg(mesh: InspectedMesh, off: float) -> InspectedMesh:
+    import meshio  # it takes 0.1 s to load, and may be missing
+
     program = mmg()
     if program is None:
         raise ValueError("coarser tetrahedra are made by MMG, whose mmg3d_O3 is not on the PATH")
@@ -97,11 +101,12 @@ def _by_mmg(mesh: InspectedMesh, off: float) -> InspectedMesh:
     length = np.linalg.norm(x[cells[:, _ENDS[:, 0]]] - x[cells[:, _ENDS[:, 1]]], axis=2).mean(axis=1)
     at, wanted = cells.ravel(), np.repeat(np.log(LONGER * length), 4)
     size = np.exp(np.bincount(at, wanted, len(x)) / np.maximum(np.bincount(at, minlength=len(x)), 1))
-    parts = {"Vertices": (x, np.zeros(len(x))), "Tetrahedra": (cells + 1, group_of), "Triangles": (facets + 1, face_of)}
+    given = meshio.Mesh(x, {"tetra": cells, "triangle": facets}, cell_data={_NUMBERS: [group_of, face_of]})
     with tempfile.TemporaryDirectory() as folder:
         old, new, sizes = (Path(folder, name) for name in ("old.mesh", "new.mesh", "old.sol"))
-        _write(old, parts)
-        _write(sizes, {"SolAtVertices": (np.empty((len(x), 0)), size)}, "1 1\n")
+        meshio.medit.write(old, given)
+        head = f"MeshVersionFormatted 2\nDimension 3\nSolAtVertices\n{len(x)}\n1 1"
+        np.savetxt(sizes, size, fmt="%.17g", header=head, footer="End", comments="")
         libraries = os.pathsep.join([str(program.parent.parent / "lib64"), os.environ.get("LD_LIBRARY_PATH", "")])
         # How far new edges may be off the smooth surface: four times their middles, since MMG takes half the length.
         near = max(4.0 * LONGER**2 * off, 1e-3 * float(np.ptp(x, axis=0).max()))
@@ -115,14 +120,13 @@ def _by_mmg(mesh: InspectedMesh, off: float) -> InspectedMesh:
         )
         if ran.returncode or not new.exists():
             raise ValueError(f"MMG found no coarser tetrahedra: {(ran.stderr or ran.stdout).strip()[-300:]}")
-        text = new.read_text()
-    widths = {"Vertices": 4, "Tetrahedra": 5, "Triangles": 4}
-    points, tetrahedra, triangles = (_rows(text, name, width) for name, width in widths.items())
-    facets = np.sort(triangles[:, :3].astype(np.int64) - 1, axis=1)
-    of_face, of_group = faces[triangles[:, -1].astype(np.int64)], groups[tetrahedra[:, -1].astype(np.int64)]
+        found = by_meshio(str(new), b"", "medit")
+    rows, numbers = found.cells_dict, found.cell_data_dict[_NUMBERS]
+    of_group, of_face = groups[numbers["tetra"]], faces[numbers["triangle"]]
+    facets = np.sort(rows["triangle"].astype(np.int64), axis=1)
     return InspectedMesh(
-        points[:, :3],
-        tetrahedra[:, :4].astype(np.int64) - 1,
+        found.points,
+        rows["tetra"].astype(np.int64),
         {name: np.flatnonzero(of_group[:, k]) for k, name in enumerate(mesh.cell_groups)},
         {name: facets[of_face[:, k]] for k, name in enumerate(mesh.face_groups)},
         {},
@@ -145,22 +149,3 @@ def _sorted(mesh: InspectedMesh) -> InspectedMesh:
         {name: np.sort(number[rows], axis=1) for name, rows in mesh.face_groups.items()},
         {},
     )
-
-
-def _write(
-    path: Path, parts: Mapping[str, tuple[npt.NDArray[np.generic], npt.NDArray[np.generic]]], kind: str = ""
-) -> None:
-    """A file of MMG: rows of each part with a last column, whole numbers but for the places of vertices."""
-    with path.open("wb") as file:
-        file.write(b"MeshVersionFormatted 2\nDimension 3\n")
-        for name, (rows, last) in parts.items():
-            file.write(f"{name}\n{len(rows)}\n{kind}".encode())
-            np.savetxt(file, np.column_stack([rows, last]), fmt="%d" if rows.dtype.kind == "i" else "%.17g")
-        file.write(b"End\n")
-
-
-def _rows(text: str, name: str, width: int) -> FloatArray:
-    start = text.index("\n", text.index(f"\n{name}\n") + 1) + 1
-    end = text.index("\n", start)
-    count = int(text[start:end])
-    return np.fromstring(text[end:], sep=" ", count=count * width).reshape(count, width)

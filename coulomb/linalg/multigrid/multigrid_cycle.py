@@ -23,7 +23,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.linalg.blas import dtrsv
 
-from ...arrays import FloatArray, side_by_side
+from ...arrays import FloatArray
 from ..petsc_arrays import DistributedEntries, Entries, configured_ksp, distributed_entries
 from ..reductions import Reductions, concatenated
 from ..solve_errors import CGNotConverged
@@ -300,7 +300,7 @@ def multigrid(K: PETSc.Mat, P: PETSc.Mat | None) -> MultigridCycle:
 
 def _motions(matrix: PETSc.Mat) -> FloatArray:
     """Its near-nullspace, shape (rows of this rank, 6)."""
-    return side_by_side(*(vector.array_r for vector in matrix.getNearNullSpace().getVecs()))
+    return np.column_stack([vector.array_r for vector in matrix.getNearNullSpace().getVecs()])
 
 
 def _cycle(
