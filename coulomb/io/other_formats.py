@@ -2,7 +2,7 @@
 its time steps, CalculiX's .frd, and a table of the contact nodes.
 
 VTKHDF 2.0, an unstructured grid (docs.vtk.org, VTK File Formats): bodies, or faces, are one grid, with their number in
-the cells; a mesh that does not change is there once.
+the cells; a mesh that does not change is there once.  Not by VTK's writer: clusters install no VTK (565 MB).
 """
 
 from __future__ import annotations

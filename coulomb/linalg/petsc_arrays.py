@@ -1,4 +1,7 @@
-"""The arrays of assembled matrices of PETSc's type AIJ, without copies, which petsc4py does not offer; 3 x 3 blocks."""
+"""The arrays of assembled matrices of PETSc's type AIJ, without copies, which petsc4py does not offer; 3 x 3 blocks.
+
+With the copies of `getValuesCSR` the block takes as long, and 6 and 8 % more memory at p = 24 and 32.
+"""
 
 from __future__ import annotations
 

@@ -3,10 +3,9 @@
 These formats have numbers on cells only, which meshio (tried: 5.3.5) returns unchanged.  Files that it misreads are
 refused here:  Nastran's elements in large fields, which it skips, and points in local coordinates.
 
-Not by meshio, since it loses faces there: `abaqus_format`, `med_format`, `exodus_format`.  Nor gmsh's format and XDMF:
-of MSH 4.1 it accepts some files that are cut short (4 of 205 lengths tried), and it cannot read XDMF files with several
-Grids, which DOLFINx writes.  Time is no reason: MSH 2.2 takes as long as ours, MSH 4.1 (binary, 12288 cells)
-takes 1 ms, ours 9 ms.
+Not by meshio, since it loses faces there: `abaqus_format`, `med_format`, `exodus_format`, `gmsh_format`.  Nor XDMF: it
+cannot read files with several Grids, which DOLFINx writes.  Time is no reason: MSH 2.2 takes as long as ours, MSH 4.1
+(binary, 12288 cells) takes 1 ms, ours 9 ms.
 """
 
 from __future__ import annotations

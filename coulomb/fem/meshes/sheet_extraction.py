@@ -7,7 +7,8 @@ Roundtable, 2002).  Without every second sheet cells are about twice as large, a
 
 Nodes are merged into one of the two, so that those of the boundary stay on it.  A patch is a smooth part of the
 boundary, or of the border of groups of cells, with the same named faces.  Nodes of a patch move along its edges, those
-of a crease, where patches meet, along the crease, and its ends and corners not at all.
+of a crease, where patches meet, along the crease, and its ends and corners not at all.  No library does this: MMG has
+tetrahedra alone.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Meshes written as XDMF with an HDF5 file, so that ranks can read them in parts; DOLFINx reads them too."""
+"""Meshes written as XDMF with an HDF5 file, so that ranks can read them in parts; DOLFINx reads them too.
+
+Not by meshio (tried: 5.3.5): cells and facets become one Grid of kind Mixed there, which neither can read.
+"""
 
 from __future__ import annotations
 

@@ -109,6 +109,8 @@ def framing(points: FloatArray, direction: FloatArray, up: FloatArray, most: tup
     """The camera with the closest view of all points (k, 3), `direction` from them to the camera, not parallel to `up`.
 
     The picture has at most `most` pixels, and reaches this width or height; `parallel` is without perspective.
+    By VTK's ResetCameraScreenSpace, which sees the box around the points, pictures are up to 18 % smaller (block 2,
+    pin joint 12, history 15, seal 18 %).
     """
     back = direction / np.linalg.norm(direction)
     right = np.cross(up, back)
