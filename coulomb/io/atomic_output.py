@@ -243,11 +243,11 @@ def set_aside(target: Path, keep: bool = True) -> None:
         _refuse_to_lose(kept)
     except ValueError as error:  # since the run began
         raise OSError(errno.EEXIST, str(error)) from None
+    if kept.exists():  # which may take long, before anything is moved
+        _remove(kept)
     old.mkdir(exist_ok=True)
     for name in _names_in(target):
         os.rename(target / name, old / name)
-    if kept.exists():
-        _remove(kept)
     shutil.move(old, kept)  # a copy where the directory is a disk of its own
 
 

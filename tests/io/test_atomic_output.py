@@ -20,7 +20,7 @@ from conftest import SMALL_CASE, make_block, run_coulomb, run_python, solved_blo
 from mpi4py import MPI
 
 import coulomb
-from coulomb.io import output
+from coulomb.io import atomic_output, output
 from coulomb.io.atomic_output import finish, locked, refuse_to_replace, set_aside
 from coulomb.io.run_directory import LOCK, RunDirectory
 from coulomb.recheck import check
@@ -339,6 +339,20 @@ def test_a_kill_while_a_history_takes_the_place(made, there_is, monkeypatch):
         if not killed:
             break
     assert kills >= 10
+
+
+def test_results_are_there_while_those_before_are_removed(made, monkeypatch):
+    """Which may take long: who looks meanwhile sees them."""
+    before, remove = there(made, "single"), atomic_output._remove
+    there(made, "history", "out.previous")
+
+    def removed(path):
+        assert visible() == before
+        remove(path)
+
+    monkeypatch.setattr(atomic_output, "_remove", removed)
+    set_aside(OUT)
+    assert everything(KEPT) == before and not everything()
 
 
 @pytest.mark.parametrize("command", ["check", "report"])
