@@ -11,7 +11,7 @@ import difflib
 import math
 import re
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -167,6 +167,14 @@ class Card:
         if value != int(value):
             raise self.fault(f"damaged: {word.strip()!r} should be a whole number", row)
         return int(value)
+
+    def freedoms(self, words: Sequence[str], row: int) -> range:
+        """From the first degree of freedom of a data line to the last, which may be left out."""
+        first = self.whole(words[0], row)
+        last = self.whole(words[1], row) if len(words) > 1 and words[1] else first
+        if not 1 <= first <= last:
+            raise self.fault(f"there are no degrees of freedom from {first} to {last}", row)
+        return range(first, last + 1)
 
     def floats(self, rows: Iterable[int] | None = None) -> FloatArray:
         """All numbers of some data lines, by default all; commas at their ends do not count, empty fields are 0."""

@@ -75,13 +75,14 @@ class Constraints:
         if coupling.key("INFLUENCERADIUS") not in ("", "WHOLESURFACE"):
             raise coupling.fault("a coupling of a part of its surface (INFLUENCE RADIUS) is not read")
         if kind.kind == "DISTRIBUTING":
+            if kind.key("WEIGHTINGMETHOD") not in ("", "UNIFORM"):
+                raise kind.fault("weights by distance (WEIGHTING METHOD) are not read")
             self._of_node[node] = ("distributing", len(self._rigid))
             self._rigid.append({"face": face, "point": self._point(node), "spread": True})
             return
         held = set(range(1, 7)) if not kind.lines else set()
         for row, words in kind.rows():
-            first = kind.whole(words[0], row)
-            held |= set(range(first, (kind.whole(words[1], row) if len(words) > 1 and words[1] else first) + 1))
+            held |= set(kind.freedoms(words, row))
         if not {1, 2, 3} <= held:
             if node in self._of.frames:
                 raise coupling.fault(f"node {coupling.get('REFNODE')} {_IN_FRAME}")
@@ -170,17 +171,15 @@ class Constraints:
         words = card.words(row)
         name = key_of(words[1])
         if name in ("ENCASTRE", "PINNED"):
-            first, last, value = 1, 6 if name == "ENCASTRE" else 3, 0.0
+            dofs, value = range(1, 7 if name == "ENCASTRE" else 4), 0.0
         else:
-            first = card.whole(words[1], row)
-            last = card.whole(words[2], row) if len(words) > 2 and words[2] else first
-            value = card.number(words[3], row) if len(words) > 3 else 0.0
-        whole = value == 0.0 and (first, last) in ((1, 3), (4, 6), (1, 6))
+            dofs, value = card.freedoms(words[1:], row), card.number(words[3], row) if len(words) > 3 else 0.0
+        whole = value == 0.0 and dofs in (range(1, 4), range(4, 7), range(1, 7))
         if kind != "equation" and node in self._of.frames and not whole:
             raise card.fault(f"node {words[0]} {_IN_FRAME}", row)
         if kind == "distributing":
             raise card.fault("the reference node of a distributing coupling cannot be held: use *KINEMATIC", row)
-        for dof in range(first, last + 1):
+        for dof in dofs:
             if "FIXED" in card.parameters and kind != "bolt":
                 raise card.fault("FIXED is read at nodes of solids and of bolts", row)
             if "FIXED" in card.parameters:

@@ -55,8 +55,6 @@ class Equations:
                     raise card.fault(f"has {len(terms)} terms of node, direction and coefficient, not {count}", first)
                 for k in range(0, len(words) - 2, 3):
                     nodes, dof = self._of.node_numbers(words[k], card, row), card.whole(words[k + 1], row)
-                    if not np.all(np.isin(nodes, self._of.deck.tags)):
-                        raise card.fault(f"node {words[k]} is not defined", row)
                     if dof not in (1, 2, 3):
                         raise card.fault(f"an equation is between displacements 1, 2 and 3, not {dof}", row)
                     terms.append((nodes, dof, card.number(words[k + 2], row)))

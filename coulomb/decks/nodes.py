@@ -41,7 +41,6 @@ class NodalTables:
         self._of, self._constraints = reading, constraints
         self._supports, self._forces = Tracks[_Key](support=True), Tracks[_Key](support=False)
         self._labels: dict[str, IntArray] = {}
-        self._strays = 0
         self._on_axis: set[int] = set()
         for card in reading.model:
             if card.kind == "TRANSFORM" and card.key("TYPE") == "C":
@@ -89,15 +88,13 @@ class NodalTables:
             else:
                 if not kind:
                     raise card.fault("needs nodes, the first and the last degree of freedom, and a value", row)
-                first = card.whole(words[1], row)
-                last = card.whole(words[2], row) if len(words) > 2 and words[2] else first
                 value = card.number(words[3], row) if len(words) > 3 else 0.0
                 if is_temperature(card, words):
                     if self._of.heated:
                         continue  # `Heat` has it
                     raise card.fault("temperatures of *BOUNDARY are read where a step conducts heat", row)
-                dofs = range(first, last + 1)
-            for node in as_list(self._of_solids(nodes, kind, value, card, row, step)):
+                dofs = card.freedoms(words[1:], row)
+            for node in as_list(self._of_solids(nodes, dofs, value, card, row, step)):
                 if set(dofs) & {1, 2} and (value or not {1, 2, 3} <= set(dofs)):
                     self._refuse_on_axis(node, card, row)
                 for dof in dofs:
@@ -108,13 +105,23 @@ class NodalTables:
                     else:
                         self._supports.give((node, dof), value, step, amplitude, model)
 
-    def _of_solids(self, nodes: IntArray, kind: str, value: float, card: Card, row: int, step: Step) -> IntArray:
+    def _of_solids(
+        self, nodes: IntArray, dofs: Iterable[int], value: float, card: Card, row: int, step: Step
+    ) -> IntArray:
         """Those of some nodes that belong to solid elements; the others given on, if a constraint has them."""
         mine = np.isin(nodes, self._of.nodes_of_cells)
         for node in as_list(nodes[~mine]):
             if not self._constraints.support(node, card, row, step):
-                self._strays += 1
+                self._refuse_stray(node, bool(value) and not np.any(mine), card, row)
+                self._of.grounds.update((node, dof) for dof in dofs if not value)
         return nodes[mine]
+
+    def _refuse_stray(self, node: int, moved: bool, card: Card, row: int) -> None:
+        """ValueError if a node that nothing follows is moved or loaded, and not among others; it may be held."""
+        if moved:
+            self._of.point(node)  # it is defined
+            called = self._of.deck.called(node)
+            raise card.fault(f"node {called} is of no solid element, and nothing that is read follows it", row)
 
     def _cload(self, card: Card, step: Step) -> None:
         amplitude = self._of.amplitude(card)
@@ -124,7 +131,7 @@ class NodalTables:
             mine = np.isin(nodes, self._of.nodes_of_cells)
             for node in as_list(nodes[~mine]):
                 if not self._constraints.load(node, dof, value, card, row, step):
-                    self._strays += 1
+                    self._refuse_stray(node, bool(value) and not np.any(mine), card, row)
             if dof not in (1, 2, 3):
                 if np.any(mine):
                     raise card.fault(f"nodes of solids have no degree of freedom {dof}", row)
@@ -154,8 +161,6 @@ class NodalTables:
 
     def tables(self) -> dict[str, Any]:
         """The tables of supports and forces."""
-        if self._strays:
-            self._of.notes.append(f"supports and loads of {self._strays} nodes of no solid element have no effect")
         tables: dict[str, Any] = {}
         for nodes, dofs, frame, rows, *limits in self._groups(self._supports, whole=False):
             value, timed = self._of.course(rows)

@@ -20,6 +20,7 @@ class Reading:
     Attributes:
         model: The cards outside of steps that say nothing of the geometry.
         notes: What a user should know, a sentence each.
+        grounds: Nodes of no solid element and their degrees of freedom that are held, to which springs may lead.
         open: Whether there is a pair that may open or slide; else a load history ends with that of a tie.
         pairs: The table of each contact pair, if it has one, and those of its ties; None until they are read.
     """
@@ -30,6 +31,7 @@ class Reading:
     def __init__(self, deck: Geometry, model: list[Card], steps: list[Step], large: bool = False):
         self.deck, self.model, self.steps, self.large = deck, model, steps, large
         self.notes: list[str] = []
+        self.grounds: set[tuple[int, int]] = set()
 
     @property
     def heated(self) -> bool:
@@ -66,6 +68,8 @@ class Reading:
         """The nodes that a word names, a number or a set, in their order, some perhaps twice."""
         label = self.deck.label(word)
         if not isinstance(label, str):
+            if not np.all(np.isin(label, self.deck.tags)):
+                raise card.fault(f"node {word} is not defined", row)
             return label
         owner = self.deck.owner.get(id(card))
         name = f"{owner}.{label}" if owner and f"{owner}.{label}" in self.deck.node_sets else label
@@ -120,6 +124,8 @@ class Reading:
         found: dict[int, Card] = {}
         for card in self.model:
             if card.kind == "TRANSFORM":
+                if card.key("TYPE") not in ("", "R", "C"):
+                    raise card.fault(f"TYPE={card.get('TYPE')} is not read, R and C are")
                 found.update(dict.fromkeys(as_list(self.node_numbers(card.needs("NSET"), card, None)), card))
         return found
 

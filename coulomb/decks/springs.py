@@ -23,7 +23,8 @@ def spring_tables(of: Reading) -> tuple[list[dict[str, Any]], list[dict[str, Any
     springs between two nodes, and to the ground along other lines.
 
     Raises:
-        ValueError: If a spring is not linear, or has no node of a solid element, with the line.
+        ValueError: If a spring is not linear, has no node of a solid element, or one that is neither of these nor held,
+            with the line.
     """
     stiffness: dict[int, FloatArray] = {}
     links: list[dict[str, Any]] = []
@@ -86,7 +87,11 @@ def _ways(of: Reading, card: Card, kind: str, nodes: IntArray) -> dict[int, Floa
         if not dofs or any(dof not in (1, 2, 3) for dof in dofs):
             raise card.fault(f"nodes of solids have no degree of freedom {', '.join(map(str, dofs)) or 'none'}", 0)
         ways = [np.eye(3)[dofs[0] - 1], -np.eye(3)[dofs[-1] - 1]]
-    found = {int(node): way for node, way in zip(nodes, ways, strict=False) if node in of.nodes_of_cells}
+    both = {int(node): way for node, way in zip(nodes, ways, strict=False)}
+    found = {node: way for node, way in both.items() if node in of.nodes_of_cells}
     if not found:
         raise card.fault("a spring has no node of a solid element")
+    for node in both.keys() - found.keys():
+        if any(abs(part) > _ALONG and (node, k + 1) not in of.grounds for k, part in enumerate(both[node])):
+            raise card.fault(f"node {of.deck.called(node)} of a spring is of no solid element, and not held as ground")
     return found

@@ -59,6 +59,8 @@ def test_a_jump_of_an_amplitude_is_kept(period, tmp_path):
         ("*FRICTION\n.1", r"\*FRICTION: stands in a step, but below no \*CHANGE card"),
         ("*MODEL CHANGE, TYPE=CONTACT PAIR, REMOVE\nmaster, slave", "no contact pair of master, slave; .* other way"),
         ("*MODEL CHANGE, TYPE=CONTACT PAIR, REMOVE\nslave, mister", "no contact pair of slave, mister$"),
+        ("*BOUNDARY\ntop, 2, 1", "no degrees of freedom from 2 to 1"),
+        ("*CLOAD\n99, 3, -1.", r"\*CLOAD: node 99 is not defined"),
     ],
 )
 def test_a_change_of_what_is_not_there_is_refused(wrong, said, tmp_path):
@@ -132,3 +134,24 @@ def test_what_is_loaded_twice_by_a_set_is_refused(tmp_path):
     (*forces,) = tables_of(tmp_path, CUBES + once + load).tables["nodal_force"]
     assert {tuple(one["force"]) for one in forces} == {(0.0, 0.0, -1.0)}
     assert sum(len({"top": range(4)}.get(str(one["nodes"]), one["nodes"])) for one in forces) == 8
+
+
+GROUND = "*NODE\n91, 0, 0, 3\n*ELEMENT, TYPE=SPRING2, ELSET=s\n101, 15, 91\n*SPRING, ELSET=s\n3, 3\n9.\n"
+
+
+@pytest.mark.parametrize(
+    ("model", "step", "said"),
+    [
+        (GROUND, "*BOUNDARY\n91, 3, 3, -.1", r"\*BOUNDARY: node 91 is of no solid element, and nothing .* follows it"),
+        (GROUND, "*CLOAD\n91, 3, -.1", r"\*CLOAD: node 91 is of no solid element, and nothing .* follows it"),
+        (GROUND, "*BOUNDARY\n91, 1, 2", r"\*SPRING: node 91 of a spring is of no solid element, and not held"),
+        ("*TRANSFORM, NSET=top, TYPE=S\n0, 0, 0, 1, 0, 1\n", "*BOUNDARY\ntop, 1, 1", "TYPE=S is not read, R and C"),
+    ],
+)
+def test_nodes_that_nothing_follows(model, step, said, tmp_path):
+    """The far end of a spring was the ground, wherever it went (CalculiX 2.20: it pulls)."""
+    load = "*CLOAD\ntop, 3, -1.\n"
+    with pytest.raises(ValueError, match=rf"deck.inp: line \d+: .*{said}"):
+        tables_of(tmp_path, CUBES + model + STEP.format(load + step))
+    held = tables_of(tmp_path, CUBES + GROUND + STEP.format(load + "*BOUNDARY\n91, 3"))
+    assert held.tables["spring"] == [{"nodes": [15], "stiffness": [0.0, 0.0, 9.0]}]
