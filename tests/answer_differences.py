@@ -37,7 +37,7 @@ def differs(make, inputs, times=(1.0,), h=1e-4):
         worst[name] = off(*of_face, smallest=1e-2)  # newtons, newton metres, joules: all may stick
     motion = "translation", "rotation", "force", "moment"
     kinds = {"reactions": motion[2:], "ties": motion[2:], "loaded_foundations": motion[:2], "rigid_faces": motion}
-    for kind, names in (*kinds.items(), ("bolts", ("force", "shortening"))):
+    for kind, names in (*kinds.items(), ("bolts", ("force", "shear", "bending", "torsion", "shortening"))):
         for number, one in enumerate(getattr(step.solution, kind)):
             called = getattr(one, "name", None) or one.face
             for of in names:
@@ -45,7 +45,7 @@ def differs(make, inputs, times=(1.0,), h=1e-4):
                     lambda one, kind=kind, called=called, of=of: one.others[kind][called][of],
                     lambda answer, kind=kind, number=number, of=of: getattr(getattr(answer, kind)[number], of),
                     1e-6,
-                    10.0 if of in ("force", "moment") else 1e-3,  # of some it is 0
+                    10.0 if of in ("force", "moment", "shear", "bending", "torsion") else 1e-3,  # of some it is 0
                 )
     worst["mean pressure"] = off(
         lambda one: one.totals[face]["mean_pressure"],

@@ -207,32 +207,35 @@ def _entry(one: Sensitivity) -> dict[str, Any]:
 
 
 def sensitivity_entries(found: Sequence[Sensitivity], tolerances: bool | Mapping[str, float]) -> dict[str, Any]:
-    """Of summary.json: `sensitivity`, where a step without end is null; with relative tolerances of inputs by their
-    names also `input_bars` of contacts and `other_input_bars`, the root of the sum of the squares of what each does to
-    the totals, and `unknown_inputs`, names of no input that has not been 0 so far."""
+    """Of summary.json: `sensitivity`, where a step without end is null, and `sensitivity_condition`; with relative
+    tolerances of inputs by their names also `input_bars` of contacts and `other_input_bars`, the root of the sum of the
+    squares of what each does to the totals, on the side where it does more, and `unknown_inputs`, names of no input
+    that has not been 0 so far."""
     entries: dict[str, Any] = {
+        "sensitivity_condition": found[0].condition._asdict() if found else None,
         "sensitivity": [
             {**_entry(one), "falling": _entry(one.falling)} if one.falling else _entry(one) for one in found
-        ]
+        ],
     }
     if isinstance(tolerances, bool):
         return entries
     names = {one.name: one for one in found}
     entries["unknown_inputs"] = [name for name in tolerances if name not in names]
     bars = [(part, names[name]) for name, part in tolerances.items() if name in names] or [(0.0, found[0])]
+    each = [(one, one.falling or one) for _, one in bars]
 
     def together(given: list[Any]) -> Any:
-        parts = [part * np.asarray(value, dtype=np.float64) for (part, _), value in zip(bars, given, strict=True)]
+        parts = [part * np.abs(value).max(axis=0) for (part, _), value in zip(bars, given, strict=True)]
         return np.linalg.norm(parts, axis=0).tolist()
 
     entries["input_bars"] = {
-        face: {total: together([one.totals[face][total] for _, one in bars]) for total in totals}
+        face: {total: together([[side.totals[face][total] for side in sides] for sides in each]) for total in totals}
         for face, totals in found[0].totals.items()
     }
     entries["other_input_bars"] = {
         kind: {
             name: {
-                total: together([one.others[kind][name][total] for _, one in bars])
+                total: together([[side.others[kind][name][total] for side in sides] for sides in each])
                 for total, value in totals.items()
                 if value is not None
             }

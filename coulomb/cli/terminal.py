@@ -271,10 +271,11 @@ def show_sensitivity(console: Console, contents: dict[str, Any]) -> None:
         console.out(f"1 % more of an input does to the forces of {face!r} (to first order, and up to where):")
         for one, total in totals[:_LINES]:
             step = "any change" if one["step"] is None else f"up to {plain(number(100.0 * one['step'], 2))} %"
-            if "falling" in one:
+            if one["border"]:
                 step += f", {one['border']} contact points on the border of two states"
             console.out(f"  {one['input']:<{width}} {_both(total, 0.01, least)} {step}")
-            if "falling" in one:
+            fallen = one.get("falling", one)["totals"][face]
+            if one["border"] or fallen["friction_force"] != total["friction_force"]:
                 console.out(f"  {'  1 % less':<{width}} {_both(one['falling']['totals'][face], -0.01, least)}".rstrip())
         if len(totals) > _LINES:
             console.out(f"  and {len(totals) - _LINES} more, in summary.json")
@@ -287,6 +288,10 @@ def show_sensitivity(console: Console, contents: dict[str, Any]) -> None:
         for given, change in list(changes.items())[:_LINES]:
             of_one = vector(change, unit) if len(change) > 1 else quantity(change[0], unit)
             console.out(f"  {given:<{width}} {plain(of_one)}")
+    if tied := [repr(one["input"]) for one in entries if "falling" in one and not one["border"]]:
+        console.out(f"tied largest values and sizes of 0 change otherwise as {in_few(tied)} falls: see summary.json")
+    if condition := contents.get("sensitivity_condition"):
+        console.out(f"condition of the equations of these: {condition['number']:.0e}")
     for one in entries:
         if "verified" in one:
             console.out(f"  {one['input']:<{width}} {one['verified']['words']}")

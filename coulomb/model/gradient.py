@@ -19,14 +19,14 @@ from ..arrays import FloatArray
 from ..fem.bodies import Elasticity, FormBody, HyperelasticBody, owed_before, owed_to_motions
 from ..fem.contact import row_products
 from ..linalg.reductions import Reductions
-from ..solvers.derivatives import Change
-from ..solvers.derivatives import gradient as adjoint
+from ..solvers.derivatives import AnswerDerivatives, Change, Condition, at_answer
 from ..solvers.successive_tresca import Anderson
 from .changed_problem import near
 from .discrete_problem import DiscreteProblem
 from .geometric_terms import GeometricTerms, Way, least_rotations
 from .linear_problem import ContactState
-from .sensitivity import MOST, NEARLY, refuse, unloaded, with_loading
+from .sensitivity import MOST, NEARLY, refuse, warn_of_several, with_loading
+from .sensitivity_inputs import unloaded
 from .shape_gradient import contact_along_places
 from .stopping_criterion import directions_on_supports
 from .transposed_terms import TransposedTerms
@@ -58,6 +58,7 @@ class Gradient:
             the states that these points take along it (`Sensitivity`): with one such point it is one of both.
         before: In a load step, along the displacement after the step before, per metre, shape (k, 3); else None.
         lagrangian: For `between`.
+        condition: As of `Sensitivity`.
     """
 
     friction: FloatArray
@@ -74,6 +75,7 @@ class Gradient:
     loose: Gradient | None
     before: FloatArray | None
     lagrangian: Lagrangian
+    condition: Condition
 
     def between(self, more: DiscreteProblem, less: DiscreteProblem) -> float:
         """By how much J of one problem is larger than J of another, to first order, both near to that of the answer on
@@ -231,7 +233,7 @@ def gradient(
     later: Gradient | None = None,
 ) -> Gradient:
     """Of a function J of an answer, by the adjoint equations: one linear system of contact and displacements, however
-    many inputs there are (`solvers.derivatives.gradient`); collective.
+    many inputs there are (`AnswerDerivatives.gradient`); collective.
 
     Args:
         problem: The problem,
@@ -257,8 +259,10 @@ def gradient(
     large = problem.body.undeformed is not None
     problem = problem.with_factors(x)
     moving = _Moving(problem, x, u) if large else None
-    found = _gradient(problem, x, u, of_x, of_u, True, moving)
-    return replace(found, loose=_gradient(problem, x, u, of_x, of_u, False, moving)) if found.border else found
+    at = at_answer(problem.friction_problem, problem.linear.formed_A, 1.0 / problem.linear.node_stiffness, x)
+    found = _gradient(problem, at, x, u, of_x, of_u, True, moving)
+    warn_of_several(found.condition, problem.comm)
+    return replace(found, loose=_gradient(problem, at, x, u, of_x, of_u, False, moving)) if found.border else found
 
 
 class _Moving:
@@ -314,6 +318,7 @@ _SETTLED: Final = 1e-9
 
 def _gradient(
     problem: DiscreteProblem,
+    at: AnswerDerivatives,
     x: FloatArray,
     u: FloatArray,
     of_x: FloatArray,
@@ -331,9 +336,7 @@ def _gradient(
     def solved(of_u: FloatArray) -> _Owed:
         rigid = with_loading(problem, replace(still, load=of_u)).state.rigid
         of_alpha = np.zeros(0) if rigid is None else rigid.e
-        A, local = problem.linear.formed_A, 1.0 / problem.linear.node_stiffness
-        of_J = of_x, body.reduction.along(of_u).ravel(), of_alpha
-        owed, border = adjoint(problem.friction_problem, A, local, x, *of_J, undetermined, firm)
+        owed, border = at.gradient(of_x, body.reduction.along(of_u).ravel(), of_alpha, undetermined, firm)
         assert owed.f is not None
         whole, v = of_u + surface.at_nodes(owed.b), body.reduction.displacement(owed.f.reshape(-1, 3))
         reaction = whole - body.internal_force(v) + body.spring_force(v)
@@ -380,6 +383,7 @@ def _gradient(
             body.reduction.reduced(v),
             owed,
         ),
+        condition=at.condition,
     )
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
 from ..linalg.solve_errors import CGNotConverged
-from ..solvers.derivatives import Change, derivatives
+from ..solvers.derivatives import Change, at_answer
 from ..solvers.successive_tresca import Anderson
 from .discrete_problem import DiscreteProblem
 from .geometric_terms import GeometricTerms, Way
@@ -63,12 +63,16 @@ def newton_step(
     point, count = np.concatenate([du.ravel(), here * alpha]), du.size
     linear_problem, local = problem.linear, 1.0 / problem.linear.node_stiffness
     accuracy = np.clip(np.sqrt(residual), *_ACCURACY)
+    try:
+        at = at_answer(problem.friction_problem, linear_problem.formed_A, local, x)
+    except (ValueError, CGNotConverged):
+        return None
     for _ in range(_MOST):
         left_out = terms.along(Way(point[:count].reshape(-1, 3), over.total(point[count:])))
         f = reduction.along(left_out.load, None).ravel()
         change = Change(-left_out.c.ravel(), left_out.bound, left_out.e, f)
         try:
-            (owed,) = derivatives(problem.friction_problem, linear_problem.formed_A, local, x, [change])
+            (owed,) = at.derivatives([change])
         except (ValueError, CGNotConverged):
             return None
         step = du + problem.moved(reduction.displacement(owed.u.reshape(-1, 3)), owed.alpha)

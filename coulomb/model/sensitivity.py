@@ -11,25 +11,30 @@ added.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
+from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.bodies import End, HyperelasticBody, Loading, ThermalLoad, nonlinear
+from ..fem.bodies import End, Loading
 from ..linalg.reductions import Reductions
-from ..solvers.derivatives import Change, Derivative, derivatives
+from ..solvers.derivatives import AnswerDerivatives, Change, Condition, Derivative, at_answer
 from ..solvers.successive_tresca import Anderson
 from .changed_problem import near
 from .contact import SlipRateFriction, VariableFriction
 from .discrete_problem import DiscreteProblem
 from .geometric_terms import GeometricTerms, Terms, Way
-from .heat_derivatives import Flows, HeatDerivatives, HeatInput
+from .heat_derivatives import Flows, HeatDerivatives
 from .nodal_answer import NodalAnswer
-from .sensitivity_totals import Changed, Derived, contact_totals, other_totals
+from .sensitivity_inputs import Input, inputs_of, unloaded
+from .sensitivity_totals import Changed, Derived, Section, contact_totals, other_totals, sections_of
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,15 +48,19 @@ class Sensitivity:
             what 1 % more of the input does.
         displacement: Likewise of u, metres, this rank's nodes, shape (k, 3).
         totals: Of each contact by its name derivatives of "force" and "moment" on the body, "normal_force",
-            "friction_force", "contact_area", "centre_of_pressure", "mean_pressure" (normal force over contact area)
-            and "dissipated_energy", newtons, newton metres, m^2, metres, pascals and joules.
+            "friction_force", "contact_area", "centre_of_pressure", "mean_pressure" (normal force over contact area),
+            "greatest_pressure", "greatest_slip" and "dissipated_energy", newtons, newton metres, m^2, metres, pascals
+            and joules.
         others: Likewise of "reactions" of supports, "ties", "rigid_faces", "bolts" and "loaded_foundations", and of
             "probes", by their names, as the answer has them, of "bodies" the "strain_energy", and of "heat_flows" the
             "power"; what is empty is left out.
         step: Relative change of the input up to which no contact point opens, closes, sticks or slips anew, to first
             order: so far the answer is linear in it.  In a history, the least of its load steps.
+        condition: Of the linear systems.  A warning says where it is 1e10 or more, and where their determinant shows
+            that the problem has other answers: the derivatives are those of this one.
         border: Number of contact points on the border of two states.  If there are any, or were in a load step before,
-            the derivatives are those as the input grows,
+            or nodes are tied for a greatest value (apart by less than 1e-6 of it), or a vector whose size is a total is
+            0, the derivatives are those as the input grows,
         falling: and these are those as it falls; else None.
         poses: Of the `ContactState.poses` of foundations under load, shape (faces, 6); None without any.
     """
@@ -62,6 +71,7 @@ class Sensitivity:
     totals: dict[str, dict[str, Any]]
     others: dict[str, dict[str, Any]]
     step: float
+    condition: Condition
     border: int = 0
     falling: Sensitivity | None = None
     poses: FloatArray | None = None
@@ -74,25 +84,6 @@ def refuse(problem: DiscreteProblem) -> None:
     rated = any(isinstance(one.friction, SlipRateFriction | VariableFriction) for one in problem.contacts)
     if problem.before is not None and rated:
         raise ValueError("the sensitivities of a history are not known where friction depends on the slip rate")
-
-
-@dataclass(frozen=True, eq=False)
-class _Input:
-    """The change of a problem along the logarithm of an input: bounds of friction in newtons (m,), gaps and the
-    displacements from which slip counts in metres (m, 3), and loads and prescribed displacements, where they change;
-    of the stiffness of a spring its number, beside its forces as loads, and of a modulus or a temperature what it does
-    to the energy of a body; loads along free motions, newtons, (q,); and the factors of the motions of foundations,
-    shape (faces,)."""
-
-    bound: FloatArray | float = 0.0
-    c: FloatArray | float = 0.0
-    loading: Loading | None = None
-    spring: int | None = None
-    energy: tuple[int, float] | None = None
-    e: FloatArray | float = 0.0
-    motions: FloatArray | None = None
-    changed: Changed | None = None
-    heat: HeatInput | None = None
 
 
 Posed = Callable[[float], DiscreteProblem]
@@ -126,16 +117,19 @@ def sensitivities(
     if before is not None:
         if not earlier and Reductions(problem.comm).any(bool(np.any(before.displacement))):
             raise ValueError("the sensitivities of a load step follow from those of the step before: give these")
-    inputs = _inputs(problem, x, u, answer.given_gap)
+    inputs = inputs_of(problem, x, u, answer.given_gap)
     at = _Answer(problem, x, u, answer)
-    inputs |= {name: _Input(heat=one) for name, one in (at.heat.inputs() if at.heat else {}).items()}
-    inputs |= {name: _Input(changed=at.changed(pose)) for name, pose in (others or {}).items()}
-    inputs |= {one.name: _Input() for one in earlier if one.name not in inputs}
+    inputs |= {name: Input(heat=one) for name, one in (at.heat.inputs() if at.heat else {}).items()}
+    inputs |= {name: Input(changed=at.changed(pose)) for name, pose in (others or {}).items()}
+    inputs |= {one.name: Input() for one in earlier if one.name not in inputs}
     rising = at.along(inputs, {one.name: one for one in earlier}, 1.0)
-    if not rising or not (rising[0].border or any(one.falling for one in earlier)):
+    if rising:
+        warn_of_several(at.at.condition, problem.comm)
+    parted = any(one.falling is not None and one.falling.displacement is not one.displacement for one in earlier)
+    if not rising or not (rising[0].border or parted):
         return rising
     falling = at.along(inputs, {one.name: one.falling or one for one in earlier}, -1.0)
-    return [replace(up, falling=down) for up, down in zip(rising, falling, strict=True)]
+    return [replace(up, falling=replace(down, falling=None)) for up, down in zip(rising, falling, strict=True)]
 
 
 def why_no_others(problem: DiscreteProblem) -> str:
@@ -151,6 +145,26 @@ def why_no_others(problem: DiscreteProblem) -> str:
         "heat": problem.body.heat is not None,
     }
     return next((f"they are not known with {reason}" for reason, there in reasons.items() if there), "")
+
+
+_SINGULAR: Final = 1e10
+"""Condition number from which on systems are singular, nearly; of soft springs it is 1e2 to 1e3 over their softness."""
+
+
+def warn_of_several(condition: Condition, comm: MPI.Comm) -> None:
+    """A warning, on one rank, where answers or forces are not the only ones."""
+    if condition.several and comm.rank == 0:
+        _log.warning(
+            "the problem has at least two other answers, as friction is so large that the equations of the derivatives "
+            "have a negative determinant; they are those of this answer"
+        )
+    if condition.number >= _SINGULAR and comm.rank == 0:
+        _log.warning(
+            "the equations of the derivatives are singular, nearly (condition %.0e): forces of single contact points "
+            "are not determined, but their sums, as on a rigid face, a cyclic cut or very soft springs; or the answer is "
+            "nearly one of several",
+            condition.number,
+        )
 
 
 _CHANGE: Final = 1e-4
@@ -178,7 +192,7 @@ class _Answer:
         self._without = with_loading(problem, self._still)
         self.heat = None if problem.body.heat is None else HeatDerivatives(problem, answer)
 
-    def along(self, inputs: Mapping[str, _Input], earlier: Mapping[str, Sensitivity], sign: float) -> list[Sensitivity]:
+    def along(self, inputs: Mapping[str, Input], earlier: Mapping[str, Sensitivity], sign: float) -> list[Sensitivity]:
         """Of each of the inputs as it grows (sign 1) or falls (-1); collective."""
         posed = [self._posed(one, earlier.get(name)) for name, one in inputs.items()]
         solved = self._solved(posed, sign)
@@ -194,14 +208,22 @@ class _Answer:
             derived = self._derived(one, of, at, sign)
             totals = contact_totals(self._answer, derived, sign)
             left = self._left if self._large or one.changed is not None else None
-            others = other_totals(self._answer, derived, totals, left, self._u)
-            others |= {"heat_flows": {flow: {"power": power} for flow, power in heat.items()}} if heat else {}
+            others = other_totals(self._answer, derived, totals[0], left, self._u, self._sections, sign)
+            flowing = {"heat_flows": {flow: {"power": power} for flow, power in heat.items()}} if heat else {}
             along_frames = derived.x if of.terms is None else derived.x + of.terms.components.ravel()
-            of_points = along_frames, derived.u, totals, others
-            found.append(Sensitivity(name, *of_points, step, at.owed.border, poses=derived.poses))
+            here, there = (
+                Sensitivity(
+                    *(name, along_frames, derived.u, of_contacts, of_others | flowing),
+                    *(step, self.at.condition, at.owed.border),
+                    poses=derived.poses,
+                )
+                for of_contacts, of_others in zip(totals, others, strict=True)
+            )
+            kinked = (here.totals, here.others) != (there.totals, there.others)
+            found.append(replace(here, falling=there) if kinked else here)
         return found
 
-    def _derived(self, one: _Input, of: _Right, at: _Solved, sign: float) -> Derived:
+    def _derived(self, one: Input, of: _Right, at: _Solved, sign: float) -> Derived:
         pulled, moved = (
             self._over.any(given is not None and bool(np.any(given)))
             for given in ((None, None) if one.loading is None else (one.loading.tension, one.loading.apart))
@@ -236,7 +258,19 @@ class _Answer:
             imbalance += body.internal_force(self._u) - body.spring_force(self._u)
         return imbalance
 
-    def _posed(self, one: _Input, earlier: Sensitivity | None) -> _Right:
+    @cached_property
+    def at(self) -> AnswerDerivatives:
+        """The linear systems; collective."""
+        problem, linear = self._problem, self._problem.linear
+        return at_answer(problem.friction_problem, linear.formed_A, 1.0 / linear.node_stiffness, self._x)
+
+    @cached_property
+    def _sections(self) -> list[Section]:
+        """Of the bolts, with what they carry; collective if there are any."""
+        there = self._posed_at.elasticity.constraints.of_bolts
+        return sections_of(self._posed_at, self._left, self._u) if there else []
+
+    def _posed(self, one: Input, earlier: Sensitivity | None) -> _Right:
         """What an input does by itself, and in small strains by the displacement after the step before."""
         problem, surface = self._problem, self._problem.surface
         loading, origin = one.loading, np.zeros((len(surface.nodes), 3)) + one.c
@@ -259,7 +293,7 @@ class _Answer:
         )
         return _Right(loading, right.c + terms.c, right.bound + terms.bound, right.e + terms.e, terms)
 
-    def _way(self, one: _Input, earlier: Sensitivity | None) -> Way:
+    def _way(self, one: Input, earlier: Sensitivity | None) -> Way:
         """What an input moves by itself, and by displacements and foundations after the step before."""
         rigid = self._problem.rigid
         still = Way(np.zeros_like(self._u), np.zeros(0 if rigid is None else rigid.count), motions=one.motions)
@@ -278,8 +312,7 @@ class _Answer:
             else:
                 f = sign * self._problem.elasticity.reduction.along(one.loading.load, one.loading.tension).ravel()
             changes.append(Change(sign * closing.ravel(), sign * one.bound, sign * (e[0] - e[1] + one.e), f))
-        A, local, solved = problem.linear.formed_A, 1.0 / problem.linear.node_stiffness, list[_Solved]()
-        owed = derivatives(problem.friction_problem, A, local, self._x, changes)
+        owed, solved = self.at.derivatives(changes), list[_Solved]()
         for changed, found, carried in zip(posed, owed, moved, strict=True):
             u = sign * self._problem.elasticity.reduction.displacement(found.u.reshape(-1, 3))
             u = u + changed.linear.free_displacement if carried else u
@@ -322,7 +355,7 @@ class _Answer:
         heat: HeatDerivatives,
         rights: Sequence[_Right],
         solved: Sequence[_Solved],
-        given: Sequence[_Input],
+        given: Sequence[Input],
         sign: float,
     ) -> tuple[list[_Right], list[_Solved], list[Flows]]:
         """With the temperatures that contact and heat cause in turn, as of `_with_terms`; collective."""
@@ -378,13 +411,6 @@ class _Solved:
     u: FloatArray
 
 
-def unloaded(loading: Loading) -> Loading:
-    """Without loads, prescribed displacements and forces of bolts."""
-    none = None if loading.tension is None else np.zeros_like(loading.tension)
-    still = np.zeros_like(loading.load)
-    return replace(loading, load=still, prescribed=still, tension=none, apart=0.0)
-
-
 def with_loading(problem: DiscreteProblem, loading: Loading) -> DiscreteProblem:
     return problem.in_state(replace(problem.state, loading=loading), None, problem.before)
 
@@ -399,82 +425,3 @@ def _continued(problem: DiscreteProblem, loading: Loading, u: FloatArray) -> Loa
         prescribed=loading.prescribed + held.prescribed - none.prescribed,
         apart=loading.apart + held.apart - none.apart,
     )
-
-
-def _prescribed(problem: DiscreteProblem, still: Loading) -> Loading:
-    """What prescribed displacements do by their common factor, from the place after the step before; collective."""
-    body, before = problem.elasticity, problem.before
-    if problem.body.undeformed is not None:
-        start = None if before is None else before.time
-        each = [nonlinear(one.body).prescribed_rate(start) for one in body.members]
-        apart = body.constraints.apart_rate(problem.time)
-        return replace(still, prescribed=body.reduction.led(np.concatenate(each), apart), apart=apart)
-    rest = None if before is None else End(before.time, np.zeros_like(body.x))
-    given = problem.loading if rest is None else body.after(problem.time, rest)
-    return replace(still, prescribed=given.prescribed, apart=given.apart)
-
-
-def _inputs(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatArray) -> dict[str, _Input]:
-    """Every input with the change of the problem along its logarithm; a name that occurs again has a number."""
-    surface, loading, body, over = problem.surface, problem.loading, problem.elasticity, Reductions(problem.comm)
-    found: dict[str, _Input] = {}
-
-    def put(name: str, one: _Input) -> None:
-        there = sum(known == name or known.startswith(f"{name} (") for known in found)
-        found[f"{name} ({there + 1})" if there else name] = one
-
-    parts, bounds = [surface.part == part for part in range(len(surface.faces))], problem.law.parts(x[0::3])
-    for face, here, contact in zip(surface.faces, parts, problem.contacts, strict=True):
-        for name, bound in bounds.items():
-            if over.any(bool(np.any(bound[here] > 0.0))):
-                alone = name == "cohesion" and contact.slip_stress is not None
-                put(f"{'slip stress' if alone else name} of {face!r}", _Input(bound=np.where(here, bound, 0.0)))
-    for face, here in zip(surface.faces, parts, strict=True):
-        if over.any(bool(np.any(gap[here] != 0.0))):
-            put(f"gap of {face!r}", _Input(c=np.where(here, gap, 0.0)[:, None] * [1.0, 0.0, 0.0]))
-    times = (problem.time,) if problem.before is None else (problem.time, problem.before.time)
-    motions = zip(*(problem.body.foundation_motions(time) for time in times), strict=True)
-    for number, (face, moved) in enumerate(zip(surface.faces, motions, strict=True)):
-        if any(np.any(one.translation) or one.angle for one in moved):
-            put(f"motion of the foundation of {face!r}", _Input(motions=np.eye(len(surface.faces))[number]))
-    first = 0
-    for one in problem.state.loaded:
-        e = np.zeros(0 if problem.rigid is None else problem.rigid.count)
-        e[first : first + len(one.load)] = one.load
-        first += len(one.load)
-        if np.any(e):
-            put(f"load on the foundation of {surface.faces[one.number]!r}", _Input(e=e))
-    still = unloaded(loading)
-    for load in body.loads_in(loading):
-        thermal = load.kind == ThermalLoad.kind
-        if thermal and problem.body.heat is not None:  # it follows from what heats
-            continue
-        where = "" if load.face is None else f" {'of' if thermal else 'on'} {load.face!r}"
-        what = "temperature change" if thermal else load.kind.replace("_", " ")
-        put(f"{what}{where}", _Input(loading=replace(still, load=load.forces)))
-    given = _prescribed(problem, still)
-    if over.any(bool(np.any(given.prescribed) or np.any(given.apart))):
-        put("prescribed displacements", _Input(loading=given))
-    if loading.tension is not None and np.any(loading.tension):
-        put("pretension", _Input(loading=replace(still, tension=loading.tension)))
-    for number, spring in enumerate(body.spring_forces(u)):
-        place = "" if spring.face is None else f" on {spring.face!r}"
-        put(f"stiffness of the spring{place}", _Input(loading=replace(still, load=spring.forces), spring=number))
-    for number, (member, part) in enumerate(zip(body.members, loading.parts or [loading], strict=True)):
-        if member.body.materials is None:
-            continue
-        of = f" of {member.name!r}" if member.name else ""
-        forces = np.zeros_like(body.x)
-        if isinstance(member.body, HyperelasticBody) and part.temperature is not None:
-            heat = forces.copy()
-            heat[member.nodes], energy = member.body.thermal_rates()
-            put(f"temperature change{of}", _Input(loading=replace(still, load=heat), energy=(number, energy)))
-        # strain energies are in proportion to their moduli
-        forces[member.nodes] = -member.body.strain_force(u[member.nodes])
-        if not member.body.large:
-            forces[member.nodes] += sum(
-                one.forces for one in member.body.loads_in(part) if one.kind == ThermalLoad.kind
-            )
-        energy = member.body.strain_energy(u[member.nodes]) or 0.0
-        put(f"young{of}", _Input(loading=replace(still, load=forces), energy=(number, energy)))
-    return found

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from ..arrays import FloatArray
+from ..fem.bodies import Bolt
 from ..fem.contact import Pretension
 from ..linalg.reductions import Reductions
 from .discrete_problem import DiscreteProblem
@@ -66,9 +67,21 @@ class Derived:
     changed: Changed | None
 
 
-def contact_totals(at: NodalAnswer, derived: Derived, sign: float) -> dict[str, dict[str, Any]]:
-    """Of every contact by its name, as of `Sensitivity.totals`, as an input grows (1) or falls (-1); collective."""
+_NOTHING: Final = 1e-8
+"""Part of the sizes of what is summed up to which a sum is 0: the accuracy of answers and derivatives."""
+
+_TIED: Final = 1e-6
+"""Part of the largest by which a value may be less and still be as large, and rates differ and still be the same."""
+
+
+def contact_totals(
+    at: NodalAnswer, derived: Derived, sign: float
+) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, Any]]]:
+    """Of every contact by its name, as of `Sensitivity.totals`, as an input grows (1) or falls (-1); and on the other
+    side, if forces and displacements are those of both: the size of a vector that is 0, and the largest of values that
+    are the same, have two derivatives; collective."""
     surface, found, dx = derived.problem.surface, dict[str, dict[str, Any]](), derived.x.reshape(-1, 3)
+    other = dict[str, dict[str, Any]]()
     over, along_surface = Reductions(at.comm, at.copies), np.array([0.0, 1.0, 1.0])
     on_body, of_friction = -surface.vectors(dx), -surface.vectors(dx * along_surface)
     places, terms = np.zeros_like(on_body), derived.terms
@@ -80,16 +93,26 @@ def contact_totals(at: NodalAnswer, derived: Derived, sign: float) -> dict[str, 
     turning = np.cross(at.x, on_body) + np.cross(places, at.on_body)
     closed, stretch = at.status != OPEN, np.zeros(len(places)) if terms is None else terms.area
     levers = dx[:, :1] * at.x + at.force[:, :1] * places
+    sliding = replace(at, displacement=surface.rows(derived.u), slip_origin=derived.c).slip
+    sliding = sliding if terms is None else sliding + terms.slip
+    largest = [over.max(np.abs(of).ravel()) for of in (at.displacement, sliding)]
+    slips = _size_rates(at.slip, sliding, largest, sign)
+    pressures = np.repeat(((dx[:, 0] - at.pressure * stretch) / at.area)[:, None], 2, axis=1)
     for part, face in enumerate(at.faces):
         here = surface.part == part
         friction, change = (over.total(of[here].sum(axis=0)) for of in (present, of_friction))
-        size, pressing = float(np.linalg.norm(friction)), over.sum(dx[here, 0])
+        pressing, touching = over.sum(dx[here, 0]), here & closed
+        sizes = [over.sum(np.linalg.norm(of[here], axis=1)) for of in (present, of_friction)]
+        sided: dict[str, Sequence[float]] = {
+            "friction_force": _size_rates(friction, change, sizes, sign).tolist(),
+            "greatest_slip": _largest_rates(np.linalg.norm(at.slip, axis=1)[touching], slips[touching], sign, over),
+            "greatest_pressure": _largest_rates(at.pressure[here], pressures[here], sign, over),
+        }
         normal, area, more = (over.sum(of[here]) for of in (at.force[:, 0], at.area * closed, stretch * closed))
         found[face] = {
             "force": over.total(on_body[here].sum(axis=0)).tolist(),
             "moment": over.total(turning[here].sum(axis=0)).tolist(),
             "normal_force": pressing,
-            "friction_force": float(friction @ change) / size if size > 0.0 else sign * float(np.linalg.norm(change)),
             "contact_area": more,
             "dissipated_energy": over.sum(work[here]),
         }
@@ -98,13 +121,55 @@ def contact_totals(at: NodalAnswer, derived: Derived, sign: float) -> dict[str, 
             moved = over.total(levers[here].sum(axis=0)) - pressing * centre
             found[face]["centre_of_pressure"] = (moved / normal).tolist()
             found[face]["mean_pressure"] = (pressing - more * normal / area) / area
-    return found
+        other[face] = found[face] | {name: float(sides[1]) for name, sides in sided.items()}
+        found[face] |= {name: float(sides[0]) for name, sides in sided.items()}
+    return found, other
+
+
+def _size_rates(v: FloatArray, change: FloatArray, scales: Sequence[float], sign: float) -> FloatArray:
+    """Of the sizes of vectors (..., 3), on the side asked for and on the other, shape (..., 2), from the scales
+    of vectors and of their changes."""
+    size, rate = np.linalg.norm(v, axis=-1), np.linalg.norm(change, axis=-1)
+    there = size > _NOTHING * scales[0]
+    along = np.sum(v * change, axis=-1) / np.where(there, size, 1.0)
+    rate = np.where(rate > _NOTHING * max(scales), rate, 0.0)
+    return np.stack([np.where(there, along, side * rate) for side in (sign, -sign)], axis=-1)
+
+
+def _largest_rates(values: FloatArray, rates: FloatArray, sign: float, over: Reductions) -> tuple[float, float]:
+    """Of the largest of values (m,), from the rates of each on both sides, shape (m, 2); collective."""
+    largest, size = over.max(values), over.max(np.abs(rates).ravel())
+    if not np.isfinite(largest):
+        return 0.0, 0.0
+    tied = values >= largest - _TIED * abs(largest)
+    here, there = (side * over.max(side * rates[tied, k]) for k, side in enumerate((sign, -sign)))
+    same = abs(here - there) <= max(_TIED * size, _NOTHING * abs(largest))
+    return here, here if same else there
+
+
+Section = tuple[Bolt, Resultant]
+"""A bolt, and what its section carries."""
+
+
+def sections_of(problem: DiscreteProblem, left: FloatArray, u: FloatArray) -> list[Section]:
+    """Of all bolts, from what supports and constraints hold, newtons, and the displacement, shapes (k, 3);
+    collective."""
+    body, constraints = problem.elasticity, problem.elasticity.constraints
+    shares = resultants(constraints.shares(left, problem.time), body.x, Reductions(problem.comm, body.copies))
+    return list(zip(constraints.bolts_at(u), (of for of in shares if of.kind == Pretension.kind), strict=True))
 
 
 def other_totals(
-    at: NodalAnswer, derived: Derived, totals: Mapping[str, Mapping[str, Any]], left: FloatArray | None, u: FloatArray
-) -> dict[str, dict[str, Any]]:
-    """Of reactions, probes, bodies, ties, bolts, rigid faces and foundations under load, by their names.
+    at: NodalAnswer,
+    derived: Derived,
+    totals: Mapping[str, Mapping[str, Any]],
+    left: FloatArray | None,
+    u: FloatArray,
+    sections: Sequence[Section],
+    sign: float,
+) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, Any]]]:
+    """Of reactions, probes, bodies, ties, bolts, rigid faces and foundations under load, by their names; on both sides,
+    as of `contact_totals`; collective.
 
     Args:
         at: The answer at the contact points.
@@ -112,6 +177,8 @@ def other_totals(
         totals: Of the contacts.
         left: What supports and constraints hold on places that move, newtons, shape (k, 3); None where they do not.
         u: The displacement, metres, shape (k, 3).
+        sections: Of the answer.
+        sign: As an input grows (1) or falls (-1).
     """
     changed, du = derived.problem, derived.u
     body, time, surface = changed.elasticity, changed.time, changed.surface
@@ -134,19 +201,17 @@ def other_totals(
         way = du if derived.changed is None else derived.changed.way
         arms = resultants(chain(body.shares(held), body.spring_forces(u)), way, over)
         of = tuple(replace(one, moment=one.moment + arm.moment) for one, arm in zip(of, arms, strict=True))
+    cuts = list[_Cut]()
     entries: dict[str, dict[str, dict[str, Any]]] = {
         "reactions": {one.name: _moments(one) for one in of},
         "probes": {} if derived.changed else _probes(at, derived),
         "bodies": _strained(derived, u, over),
     }
     if constraints.ties and left is not None:
-        entries |= _turned(derived, imbalance, left, u, over)
+        turned, cuts = _turned(derived, imbalance, left, u, over)
+        entries |= turned
     elif constraints.ties:
         tied, still = (force_balance(changed, of, none, held, none) for of, held in ((du, imbalance), (none, none)))
-        entries["bolts"] = {
-            one.face: {"force": one.force - (0.0 if derived.pulled else by.force), "shortening": one.shortening}
-            for one, by in zip(tied.bolts, still.bolts, strict=True)
-        }
         entries["rigid_faces"] = {
             one.face: {
                 name: getattr(one, name) - (0.0 if derived.moved else getattr(by, name))
@@ -158,8 +223,50 @@ def other_totals(
             one.name: {name: getattr(one, name) - (0.0 if derived.pulled else getattr(by, name)) for name in _MOMENTS}
             for one, by in zip(tied.ties, still.ties, strict=True)
         }
+        given = [entries["ties"][of.name] for of in tied.ties if of.kind == Pretension.kind]
+        cuts = [
+            _Cut(of.shortening, one["force"], one["moment"], np.zeros(3), np.zeros(3))
+            for of, one in zip(tied.bolts, given, strict=True)
+        ]
     entries["loaded_foundations"] = _foundations(at, derived, totals)
-    return {kind: {name: _plain(one) for name, one in of_kind.items()} for kind, of_kind in entries.items() if of_kind}
+    bolts = [(bolt.face, _carried(bolt, now, cut, sign)) for (bolt, now), cut in zip(sections, cuts, strict=True)]
+    ends = [entries | {"bolts": {face: sides[k] for face, sides in bolts}} for k in (0, 1)]
+    here, there = (
+        {kind: {name: _plain(one) for name, one in of_kind.items()} for kind, of_kind in end.items() if of_kind}
+        for end in ends
+    )
+    return here, there
+
+
+class _Cut(NamedTuple):
+    """The derivatives of a bolt's shortening, of force and moment about the origin of its section, and of its direction
+    and middle, SI units, shapes (3,)."""
+
+    shortening: float
+    force: FloatArray
+    moment: FloatArray
+    direction: FloatArray
+    centre: FloatArray
+
+
+def _carried(bolt: Bolt, now: Resultant, cut: _Cut, sign: float) -> list[dict[str, float]]:
+    """Of the numbers of a `BoltForce`, on both sides."""
+    n, dn = bolt.direction, cut.direction
+    arm, turned = np.cross(bolt.centre, now.force), np.cross(bolt.centre, cut.force)
+    moment, change = now.moment - arm, cut.moment - turned - np.cross(cut.centre, now.force)
+
+    def rates(v: FloatArray, dv: FloatArray, *more: FloatArray) -> tuple[float, FloatArray]:
+        """Of the part of a vector along the bolt, and of the size of that across it."""
+        along, rate = n @ v, float(dn @ v + n @ dv)
+        scales = [float(np.linalg.norm(one)) for one in more]
+        return rate, _size_rates(v - along * n, dv - rate * n - along * dn, scales, sign)
+
+    force, shear = rates(now.force, cut.force, now.force, cut.force)
+    torsion, bending = rates(moment, change, np.append(moment, arm), np.append(change, turned))
+    across = zip(shear.tolist(), bending.tolist(), strict=True)
+    return [
+        {"force": force, "shear": s, "bending": b, "torsion": torsion, "shortening": cut.shortening} for s, b in across
+    ]
 
 
 _MOMENTS: Final = ("force", "moment")
@@ -170,8 +277,8 @@ _DIFFERENCE: Final = 1e-6
 
 def _turned(
     derived: Derived, imbalance: FloatArray, left: FloatArray, u: FloatArray, over: Reductions
-) -> dict[str, dict[str, dict[str, Any]]]:
-    """Of ties, bolts and rigid faces, which turn; collective."""
+) -> tuple[dict[str, dict[str, dict[str, Any]]], list[_Cut]]:
+    """Of ties and rigid faces, and of the sections of bolts, which turn; collective."""
     body, du, time, terms = derived.problem.elasticity, derived.u, derived.problem.time, derived.terms
     assert terms is not None
     constraints, x, found = body.constraints, body.x, dict[str, dict[str, dict[str, Any]]]()
@@ -194,15 +301,18 @@ def _turned(
     tied = each[len(constraints.motions) :]
     found["ties"] = {now.name: {"force": more.force, "moment": more.moment + arm.moment} for now, more, arm in tied}
     sections = [one for one in tied if one[0].kind == Pretension.kind]
-    ends = (constraints.bolts_at(u + step * du) for step in (-h, 0.0, h))
-    found["bolts"] = {
-        bolt.face: {
-            "force": float(bolt.direction @ more.force + (after.direction - before.direction) @ now.force / (2.0 * h)),
-            "shortening": (after.shortening - before.shortening) / (2.0 * h),
-        }
-        for before, bolt, after, (now, more, _) in zip(*ends, sections, strict=True)
-    }
-    return found
+    ends = (constraints.bolts_at(u + step * du) for step in (-h, h))
+    cuts = [
+        _Cut(
+            (after.shortening - before.shortening) / (2.0 * h),
+            more.force,
+            more.moment + arm.moment,
+            (after.direction - before.direction) / (2.0 * h),
+            (after.centre - before.centre) / (2.0 * h),
+        )
+        for before, after, (_, more, arm) in zip(*ends, sections, strict=True)
+    ]
+    return found, cuts
 
 
 def _moments(one: Resultant) -> dict[str, Any]:

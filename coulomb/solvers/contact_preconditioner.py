@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
-from scipy.linalg.lapack import dgetrf, dgetrs, sgetrf, sgetrs
+from scipy.linalg.lapack import dgecon, dgetrf, dgetrs, sgecon, sgetrf, sgetrs
 
 from ..arrays import FloatArray
 from ..linalg.compliance import LowRankApproximation
@@ -147,8 +147,32 @@ class FormedInverse:
         M[each, :, each] += at.P[self._closed] + self._Q * self._extra[self._closed, None]
         if count:
             getrf = sgetrf if A.dtype == np.float32 else dgetrf
+            M = M.reshape(3 * count, 3 * count)
+            self._norm = float(np.max(np.add.reduce(np.abs(M), axis=1)))
             # of M^T, whose rows are LAPACK's columns; a singular one gives no numbers
-            self._factors, self._pivots, _ = getrf(M.reshape(3 * count, 3 * count).T, overwrite_a=1)
+            self._factors, self._pivots, _ = getrf(M.T, overwrite_a=1)
+
+    @property
+    def precision(self) -> float:
+        """Of the factors."""
+        return float(np.finfo(self._A.dtype).eps)
+
+    @property
+    def condition(self) -> float:
+        """The condition number of M in the maximum norm, estimated; at most one over the precision."""
+        if not len(self._closed):
+            return 1.0
+        gecon = sgecon if self._A.dtype == np.float32 else dgecon
+        inverse = float(gecon(self._factors, self._norm)[0])
+        return 1.0 / max(inverse, self.precision) if math.isfinite(inverse) else math.inf
+
+    @property
+    def negative(self) -> bool:
+        """Whether the determinant of M is negative."""
+        if not len(self._closed):
+            return False
+        swaps = np.count_nonzero(self._pivots != np.arange(len(self._pivots)))
+        return bool((np.count_nonzero(self._factors.diagonal() < 0.0) + swaps) % 2)
 
     def __call__(self, r: FloatArray) -> FloatArray:
         """M^-1 applied to r (m, 3) or (m, 3, columns)."""

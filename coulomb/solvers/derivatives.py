@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -32,6 +33,12 @@ _FORMED: Final = 4000
 
 _SOLVED: Final = 1e-6
 """Relative residual of such a system above which it is singular, nearly."""
+
+_RANDOM: Final = 1e-2
+"""Relative residual of the system by whose answer the condition is estimated."""
+
+_KNOWN: Final = 0.1
+"""Condition number times the precision of factors up to which it is known, and the sign of their determinant."""
 
 _DECIDED: Final = 1e-9
 _TIMES: Final = 10.0
@@ -84,58 +91,32 @@ class Derivative:
     border: int
 
 
-def derivatives(
-    problem: FrictionProblem, A: BodyCompliance, local: FloatArray, x: FloatArray, changes: Sequence[Change]
-) -> list[Derivative]:
-    """Derivatives of an answer x (3 m,) in newtons along parameters, by its sets: P dx + Q dw = -(change of the
-    equations), one linear system for each (contact_equations.py; A. Beremlijski et al.: Shape optimization in contact
-    problems with Coulomb friction, SIAM J. Optim. 13, 2002); collective.
+def at_answer(problem: FrictionProblem, A: BodyCompliance, local: FloatArray, x: FloatArray) -> AnswerDerivatives:
+    """The derivatives at an answer x (3 m,) in newtons; collective.
 
     The linear systems are made of an A that may be another than that of the problem, if it is easier to form.  `local`
     is what a newton at a point does to the body next to it, metres per newton, shape (m,): diag(A) without motions of
     the body as a whole, which soft springs alone resist.  Displacements are judged by it.
     """
-    return _at_answer(problem, A, local).derivatives(x, changes)
-
-
-def gradient(
-    problem: FrictionProblem,
-    A: BodyCompliance,
-    local: FloatArray,
-    x: FloatArray,
-    of_x: FloatArray,
-    of_u: FloatArray,
-    of_alpha: FloatArray,
-    undetermined: FloatArray,
-    firm: bool = True,
-) -> tuple[Change, int]:
-    """What a function of an answer owes to f, b, the bounds and e: one linear system, the transpose of that of
-    `derivatives`; collective.
-
-    Args:
-        problem, A, local: As of `derivatives`.
-        x: The answer, newtons, shape (3 m,).
-        of_x: Derivatives of the function along x, per newton, shape (3 m,),
-        of_u: along displacements, per metre, this rank's unknowns, shape (n,),
-        of_alpha: and along the rigid motions, shape (q,).
-        undetermined: Directions along t1 and t2 in which supports hold a point, whose friction along these is 0 while
-            it sticks; 0 of others, shape (m, 2).
-        firm: Whether points on the border of two states are closed and stick, or are open and slip.
-
-    Returns:
-        Them, b without that of f, and the number of points on a border.
-
-    Raises:
-        ValueError: If the system is (nearly) singular: the answer is one of several.
-    """
-    return _at_answer(problem, A, local).gradient(x, of_x, of_u, of_alpha, undetermined, firm)
-
-
-def _at_answer(problem: FrictionProblem, A: BodyCompliance, local: FloatArray) -> _Derivatives:
     settings = SemismoothNewton()
-    found = _Derivatives(settings, problem, Task(Goal(settings.tolerance, None), None, None, None))
-    found.of_body, found.local = A, local / problem.mean_diagonal
+    found = AnswerDerivatives(settings, problem, Task(Goal(settings.tolerance, None), None, None, None))
+    found.settle(A, local, x)
     return found
+
+
+class Condition(NamedTuple):
+    """Of the equations of the derivatives at an answer.
+
+    Attributes:
+        number: Their condition number, estimated to an order of magnitude or two; inf where it is beyond the precision.
+        several: Whether their determinant is negative, as known by factors on one rank where supports hold the bodies.
+            Answers of a problem count by the signs of their determinants, in all 1, as without friction, where there is
+            one (the degree of the map; J. M. Ortega, W. C. Rheinboldt: Iterative Solution of Nonlinear Equations in
+            Several Variables, 1970, chapter 6).  So there are two others.
+    """
+
+    number: float
+    several: bool
 
 
 class _Right(NamedTuple):
@@ -155,17 +136,21 @@ class _Solved(NamedTuple):
     dalpha: FloatArray
 
 
-class _Derivatives(SemismoothIteration):
-    """The iteration at an answer."""
+class AnswerDerivatives(SemismoothIteration):
+    """The iteration at an answer, with A and the equations there, for any number of changes and functions."""
 
     _inverse: ContactPreconditioner | FormedInverse  # type: ignore[assignment]
-    of_body: BodyCompliance
-    local: FloatArray
 
-    def derivatives(self, x: FloatArray, changes: Sequence[Change]) -> list[Derivative]:
-        """As of the function `derivatives`; collective."""
-        slips = self._settle(x)
-        w, known, slope = self._w(self._A_x, self._alpha), self._problem.known_slip, self._problem.law.slope(x[0::3])
+    def derivatives(self, changes: Sequence[Change]) -> list[Derivative]:
+        """Along parameters, by the sets of the answer: P dx + Q dw = -(change of the equations), one linear system for
+        each (contact_equations.py; A. Beremlijski et al.: Shape optimization in contact problems with Coulomb friction,
+        SIAM J. Optim. 13, 2002); collective.
+
+        Raises:
+            ValueError: If the systems are (nearly) singular: the answer is one of several.
+        """
+        slips, known, slope = self._slips, self._problem.known_slip, self._slope
+        w = self._w(self._A_x, self._alpha)
         border = self._border(w)
         points = round(self._over.sum(border.points.astype(np.float64)))
         of_bounds = [np.where(self._at.status == 2, one.bound, 0.0)[:, None] * slips for one in changes]
@@ -179,6 +164,27 @@ class _Derivatives(SemismoothIteration):
             step = self._equations.nearest_change(self._x, w, dx, dw, change.bound, self._over, border.points)
             found.append(Derivative(dx.ravel(), u, self._motion(dalpha), step if settled else 0.0, points))
         return found
+
+    @cached_property
+    def condition(self) -> Condition:
+        """Of the equations: with A as a matrix by its factors, else by the answer to random signs as right-hand side,
+        whose norm is the root of their number (J. D. Dixon, Estimating extremal eigenvalues and condition numbers of
+        matrices, SIAM J. Numer. Anal. 20, 1983); collective."""
+        inverse = self._inverse
+        inverse.move(self._at)
+        if isinstance(inverse, FormedInverse):
+            known = (number := inverse.condition) * inverse.precision < _KNOWN
+            return Condition(number, not len(self._e) and inverse.negative) if known else Condition(math.inf, False)
+        random = np.random.default_rng([1983, self._scaled.comm.rank])
+        signs: FloatArray = random.choice([-1.0, 1.0], size=self._x.shape)
+        scale = self._scale()[:, None]
+        try:
+            ((dx, *_),) = self._solved_for([_Right(np.zeros(self._body.size), signs * scale, 0.0 * self._e)], _RANDOM)
+        except ValueError:
+            return Condition(math.inf, False)
+        return Condition(
+            max(self._over.norm(dx / scale), 1.0), False
+        )  # of signs, whose norm is the root of their number
 
     def _right(self, change: Change, of_bound: FloatArray) -> _Right:
         """The right-hand side at the present point, with what the bound does to friction, newtons, shape (m, 2)."""
@@ -215,21 +221,27 @@ class _Derivatives(SemismoothIteration):
         return dx, dw, u, dalpha, settled
 
     def gradient(
-        self,
-        x: FloatArray,
-        of_x: FloatArray,
-        of_u: FloatArray,
-        of_alpha: FloatArray,
-        undetermined: FloatArray,
-        firm: bool,
+        self, of_x: FloatArray, of_u: FloatArray, of_alpha: FloatArray, undetermined: FloatArray, firm: bool = True
     ) -> tuple[Change, int]:
-        """As of the function `gradient`; collective.
+        """What a function of the answer owes to f, b without that of f, the bounds and e, and the number of points on a
+        border; collective.
 
         By the transposed system K v - B^T Q^T z = of_u, P^T z + B v + G^T mu = of_x, -G Q^T z = of_alpha of multipliers
         (v, z, mu): v, Q^T z and mu are the derivatives along f, b and e.
+
+        Args:
+            of_x: Derivatives of the function along x, per newton, shape (3 m,),
+            of_u: along displacements, per metre, this rank's unknowns, shape (n,),
+            of_alpha: and along the rigid motions, shape (q,).
+            undetermined: Directions along t1 and t2 in which supports hold a point, whose friction along these is 0
+                while it sticks; 0 of others, shape (m, 2).
+            firm: Whether points on the border of two states are closed and stick, or are open and slip.
+
+        Raises:
+            ValueError: If the system is (nearly) singular: the answer is one of several.
         """
-        slips, known, slope = self._settle(x), self._problem.known_slip, self._problem.law.slope(x[0::3])
-        border = self._border(self._w(self._A_x, self._alpha))
+        slips, known, slope = self._slips, self._problem.known_slip, self._slope
+        answer, border = self._at, self._border(self._w(self._A_x, self._alpha))
         points = round(self._over.sum(border.points.astype(np.float64)))
         if points:
             self._at, directions = border.chosen(firm)
@@ -245,7 +257,7 @@ class _Derivatives(SemismoothIteration):
         if len(self._e):
             r3 = -self._a * (self._T @ of_alpha)
         rows, inverse = np.repeat(self._scale()[:, None], 3, axis=1), self._inverse
-        weight = self._over.max(self._scale() * self.local)
+        weight = self._over.max(self._scale() * self._local)
         inverse.move(self._at)
         constraints = Constraints(self._scaled.comm, self._scaled.G, QG)
         krylov = CoupledKrylov(
@@ -263,12 +275,12 @@ class _Derivatives(SemismoothIteration):
         (u,), (z,), (mu,), (left,) = krylov.solve(f[None], g[None], r3[None], np.array([self._accuracy * size]))
         _refuse_unsolved(left, size)
         bound += np.where(self._at.status == 2, np.einsum("ka,ka->k", slips, z[:, 1:]), 0.0)
-        e = -self._T.T @ mu if len(self._e) else NO_MOTION
+        e, self._at = -self._T.T @ mu if len(self._e) else NO_MOTION, answer
         return Change(np.einsum("iab,ib->ia", Q, z).ravel() / self._a, bound, e, -u / self._a), points
 
-    def _settle(self, x: FloatArray) -> FloatArray:
-        """To an answer x (3 m,) and the equations there; the directions of friction, shape (m, 2); collective."""
-        A = self.of_body
+    def settle(self, A: BodyCompliance, local: FloatArray, x: FloatArray) -> None:
+        """To the answer, as of `at_answer`; collective."""
+        self._local = local / self._a
         self._one_by_one = A.matrix_free is not None  # as V-cycles are made
         self._body, self._accuracy = A.elimination(), _ACCURACY[self._one_by_one]
         if len(x) <= _FORMED and (formed := A.formed()) is not None:
@@ -280,18 +292,19 @@ class _Derivatives(SemismoothIteration):
         self._at = self._equations.at(self._x, self._w(self._A_x, self._alpha))
         tangential = x.reshape(-1, 3)[:, 1:]
         size = np.linalg.norm(tangential, axis=1)
-        directions: FloatArray = tangential / np.where(size > 0.0, size, 1.0)[:, None]
-        return directions
+        self._slips: FloatArray = tangential / np.where(size > 0.0, size, 1.0)[:, None]  # directions of friction
+        self._slope = self._problem.law.slope(x[0::3])
 
     def _scale(self) -> FloatArray:
         """The force of every node by which its equations are judged, newtons, shape (m,)."""
         scale = self._problem.force_scale(self._x.ravel(), self._a * self._w(self._A_x, self._alpha).ravel())
         return np.where(scale > 1e-290, scale, 1.0)
 
-    def _solved_for(self, rights: Sequence[_Right]) -> list[_Solved]:
-        """Of the derivative of the equations at the present point; collective."""
+    def _solved_for(self, rights: Sequence[_Right], accuracy: float = 0.0) -> list[_Solved]:
+        """Of the derivative of the equations at the present point, to a relative residual, by default the usual one;
+        collective."""
         over, at = self._over, self._at
-        scale, local = self._scale()[:, None], self.local[:, None]
+        scale, local = self._scale()[:, None], self._local[:, None]
         if self._one_by_one:  # a V-cycle moves a body on its springs by itself, beyond what contact lets it
             local = np.ones_like(local)
         rows = 1.0 / (scale * np.maximum(np.abs(at.P).sum(axis=2), np.abs(at.Q).sum(axis=2) * local))
@@ -314,14 +327,14 @@ class _Derivatives(SemismoothIteration):
             for f, g, e in rights
         ]
         f, g, e = (np.array(side) for side in zip(*rights, strict=True))
-        u, dx, dalpha, left = krylov.solve(f, g, e, self._accuracy * np.array(sizes))
+        u, dx, dalpha, left = krylov.solve(f, g, e, max(accuracy, self._accuracy) * np.array(sizes))
         for of, size in zip(left, sizes, strict=True):
-            _refuse_unsolved(of, size)
+            _refuse_unsolved(of, size, max(10.0 * accuracy, _SOLVED))
         return [_Solved(*one) for one in zip(dx, u, dalpha, strict=True)]
 
 
-def _refuse_unsolved(left: float, size: float) -> None:
-    if not left <= _SOLVED * size:
+def _refuse_unsolved(left: float, size: float, part: float = _SOLVED) -> None:
+    if not left <= part * size:
         raise ValueError(
             f"the equations of its derivatives are singular, nearly: a part of {left / size:.0e} of them is left over. "
             "The answer is nearly one of several, or the function depends on friction that supports leave undetermined"

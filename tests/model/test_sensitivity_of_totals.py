@@ -60,12 +60,19 @@ def glued(pushed=1.0, young=1.0, moved=1.0):
 
 
 def other_totals(answer):
-    """Of reactions, probes, ties, bolts, rigid faces and bodies, by kind, name and what it is."""
+    """Of reactions, probes, ties, bolts, rigid faces and bodies, and the largest values of contact, by kind, name and
+    what it is."""
     kinds = {name: getattr(answer, name) for name in ("reactions", "ties", "bolts", "rigid_faces")}
     named = [(kind, getattr(one, "name", None) or one.face, one) for kind, some in kinds.items() for one in some]
     named += [("probes", one.name, one) for one in answer.probes]
     wanted = ("force", "moment", "translation", "rotation", "shortening", "displacement", "slip", "pressure")
+    wanted += ("shear", "bending", "torsion")
     found = {(k, name, of): getattr(one, of, None) for k, name, one in named for of in wanted}
+    for name in ("greatest_slip", "greatest_pressure", "friction_force"):
+        if (
+            name != "greatest_pressure" or not answer.rigid_faces
+        ):  # at nodes of a rigid face only their resultants count
+            found["totals", answer.at_nodes.faces[0], name] = answer.forces[name]
     for one in answer.problem.elasticity.members:
         found["bodies", one.name, "strain_energy"] = one.body.strain_energy(answer.displacement[one.nodes])
     return {key: np.asarray(value, dtype=float) for key, value in found.items() if value is not None}
@@ -171,11 +178,38 @@ def test_reactions_probes_ties_bolts_rigid_faces_and_energies_are_those_of_centr
         assert by[name].step > h
         more, less = (other_totals(make(**{key: 1.0 + d}).solve(tolerance=1e-12)) for d in (h, -h))
         for kind, called, of in values:
-            found = np.asarray(by[name].others[kind][called][of])
+            found = np.asarray((by[name].others | {"totals": by[name].totals})[kind][called][of])
             size = max(np.abs(one).max() for (k, _, o), one in values.items() if (k, o) == (kind, of))
             difference = (more[kind, called, of] - less[kind, called, of]) / (2.0 * h)
-            least = 1e-6 if of == "moment" else 1e-9  # moments about points where they are 0
+            least = 1e-6 if of in ("moment", "torsion") else 1e-9  # of those that are 0
             assert found == pytest.approx(difference, abs=1e-5 * size + least), (name, kind, called, of)
+
+
+def test_largest_values_and_sizes_have_two_derivatives_where_they_are_tied_or_zero():
+    """Of a block pressed evenly its four corners slip alike, and friction has no resultant, until one side is lifted:
+    exact on either side, so differences are one-sided, too."""
+
+    def pressed(left=1.0):
+        lifted = [coulomb.Traction("left", (0.0, 0.0, 1e3 * left)), coulomb.Traction("right", (0.0, 0.0, 1e3))]
+        return coulomb.ContactProblem(
+            coulomb.box((1.0, 1.0, 1.0), (2, 2, 1)),
+            coulomb.Material(1e9, 0.3),
+            [coulomb.Clamp("top", "xy")],
+            coulomb.Contact("bottom", friction=0.3),
+            [coulomb.Traction("top", (0.0, 0.0, -1e6)), *lifted],
+        )
+
+    answer, h = pressed().solve(tolerance=1e-12), 1e-4
+    more, less = (pressed(1.0 + d).solve(tolerance=1e-12).forces for d in (h, -h))
+    by = {one.name: one for one in answer.sensitivities()}
+    one = by["traction on 'left'"]
+    assert one.falling is not None and one.border == 0 and one.falling.contact_force is one.contact_force
+    for name in ("greatest_slip", "greatest_pressure", "friction_force"):
+        now, of = answer.forces[name], (found.totals["bottom"][name] for found in (one, one.falling))
+        change, fallen = (more[name] - now) / h, (now - less[name]) / h
+        assert list(of) == pytest.approx([change, fallen], rel=1e-4), name
+        assert name == "greatest_pressure" or change > fallen + 1e-9
+    assert all(by[name].falling is None for name in ("young", "traction on 'top'", "friction of 'bottom'"))
 
 
 def test_tolerances_of_inputs_give_all_totals_a_bar():
