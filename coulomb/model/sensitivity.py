@@ -161,8 +161,7 @@ def warn_of_several(condition: Condition, comm: MPI.Comm) -> None:
     if condition.number >= _SINGULAR and comm.rank == 0:
         _log.warning(
             "the equations of the derivatives are singular, nearly (condition %.0e): forces of single contact points "
-            "are not determined, but their sums, as on a rigid face, a cyclic cut or very soft springs; or the answer is "
-            "nearly one of several",
+            "are not determined, but their sums, as on a rigid face, a cyclic cut or soft springs; or answers meet",
             condition.number,
         )
 
