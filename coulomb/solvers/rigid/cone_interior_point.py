@@ -16,10 +16,12 @@ cones.py:
    each by Newton's method, whose matrix is 1 + rho/c G E W: regular for large c whatever the rank of W, and forces that
    W leaves undetermined stay where they were.  c decreases where few Newton steps are enough, and increases where they
    fail;
-4. where these are many: the curve of smoothed problems (cone_paths.py), with Newton steps as after the path; it turns
-   where the path is blocked.  Then more proximal steps, from where they were or from the sweeps' forces, whichever is
-   nearer a solution;
+4. the curve of smoothed problems (cone_paths.py), with Newton steps as after the path; it turns where the path is
+   blocked.  And more proximal steps, from where they were or from the sweeps' forces, whichever is nearer a solution;
 5. curves that begin with open contacts, each with other gaps: where bodies jam at large friction.
+
+Which of the last three leads to a solution, and after how many steps, is not known: they take turns, each twice as long
+as the one before.  Curve and proximal steps go on where they were, curves from open contacts begin anew.
 
 Without friction proximal steps converge; with it, they are the implicit Euler method of a flow that may wander before
 it comes to rest, or for ever.  The curve has a solution at its end, in general position and if forces stay bounded; its
@@ -27,15 +29,16 @@ length is not known.  CONVERGED means that the natural residual, computed afresh
 collection's own as well (cones.cone_residual).
 
 Work is limited by counts, not by time, so that a result can be repeated: floating-point operations of the
-factorisations with an estimate for the rest, and their number.  Of what is left when they begin the first curve spends
-at most an eighth, proximal steps three quarters.
+factorisations with an estimate for the rest, and their number.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 from typing import Any, Final
 
 import numpy as np
@@ -102,7 +105,8 @@ _FIRST, _MOST = 0.1, 10.0  # c of the first proximal step, and beyond which they
 _NEWTON: Final = 12  # Newton steps of a proximal step after which it has failed, ...
 _FEW, _MANY = 4, 8  # ... up to which the next one has a smaller c, and beyond which a larger one
 _SMALLER, _LARGER, _AFTER_FAILURE = 0.3, 1.5, 4.0  # by these factors
-_OF_CURVE, _OF_STEPS = 0.125, 0.75  # of the work that is left, for the first curve and for proximal steps
+_FROM_END: Final = 24  # proximal steps from the path's end
+_TURN: Final = 1.0 / 64.0  # of the work, the first turn of each of the last three methods
 _CLOSE: Final = 1e-2  # what a proximal step may leave over, over its length
 
 
@@ -146,13 +150,8 @@ class _ConeRun:
             if why:
                 status = Status.NO_EQUILIBRIUM
             else:
-                self._follow_curve(self._share(_OF_CURVE))
-                nearer = min(begun, ended, key=self._distance)
-                self._proximal_steps(nearer, self._settings.proximal, self._share(_OF_STEPS))
-                for number in range(self._settings.curves):
-                    self._follow_curve(self._settings.work, number)
-                if self._cones.matrix.operations > self._settings.work:
-                    status = Status.MAX_ITERATIONS
+                self._take_turns(min(begun, ended, key=self._distance))
+                status = Status.MAX_ITERATIONS
         except _Ended as end:
             status = end.status
         if self._best[0] == math.inf:  # it ended before any point was judged
@@ -162,10 +161,23 @@ class _ConeRun:
                 status = end.status
         return self._result(status, why)
 
-    def _share(self, part: float) -> float:
-        """Operations after which this part of what is left now has been spent."""
-        spent = self._cones.matrix.operations
-        return spent + part * (self._settings.work - spent)
+    def _take_turns(self, X: FloatArray) -> None:
+        """The curve, proximal steps from X and curves from open contacts in turn, until all work has been spent."""
+        curve, steps, turn, number = self._curve(), self._proximal_steps(X), _TURN, 0
+        while self._spent < 1.0:
+            for method in (curve, steps, self._curve(number)):
+                enough = self._spent + turn
+                for _ in method:
+                    if self._spent >= enough:
+                        break
+                self._judged(self._X)
+            turn, number = 2.0 * turn, number + 1
+
+    @property
+    def _spent(self) -> float:
+        """The part of all work that has been spent."""
+        matrix, settings = self._cones.matrix, self._settings
+        return max(matrix.operations / settings.work, matrix.factorisations / settings.systems)
 
     def _distance(self, X: FloatArray) -> float:
         """The natural map of X times its size: where bodies jam, forces that move nothing grow along the path."""
@@ -189,13 +201,13 @@ class _ConeRun:
     def _recorded(self, X: FloatArray, size: float, step: ConeStep | None = None, alpha: float = 1.0) -> None:
         """Record a step; ends the run if it is interrupted, or if all work has been spent."""
         self._X = X
-        number, matrix = len(self._history) + 1, self._cones.matrix
+        number = len(self._history) + 1
         theta, sigma, gradient = (0.0, 0.0, 0.0) if step is None else (step.theta, step.sigma, step.infeasibility)
         alpha = alpha if step is None else step.alpha
         self._history.append(InteriorPointStep(number, size, 0, theta, sigma, alpha, gradient, 0.0))
         if self._progress is not None and self._progress(Progress(0, number, size)):
             raise _Ended(Status.INTERRUPTED)
-        if matrix.operations > self._settings.work or matrix.factorisations >= self._settings.systems:
+        if self._spent >= 1.0:
             raise _Ended(Status.MAX_ITERATIONS)
 
     def _newton(self, X: FloatArray, limit: int) -> FloatArray:
@@ -246,30 +258,27 @@ class _ConeRun:
                 best, best_at = at.theta + at.infeasibility, number
             if number - best_at > _STALLED:
                 break
-        return self._proximal_steps(last, min(2 * self._settings.newton, self._settings.proximal), self._settings.work)
+        ended = [last, *islice(self._proximal_steps(last), _FROM_END)][-1]
+        self._judged(ended)
+        return ended
 
-    def _proximal_steps(self, X: FloatArray, limit: int, enough: float) -> FloatArray:
-        """Proximal steps from X, until this many operations have been spent; the last X."""
+    def _proximal_steps(self, X: FloatArray) -> Iterator[FloatArray]:
+        """Where proximal steps from X lead, one after the other."""
         c, failed = _FIRST, False
-        for _ in range(limit):
-            if self._cones.matrix.operations > enough:
-                break
+        while c <= _MOST:
             new, tries = self._proximal_step(X, c)
             if new is None:
                 c, failed = _AFTER_FAILURE * c, True
-                if c > _MOST:
-                    break
-                continue
-            X = new
-            if self._cones.natural_map(X).size <= self._goal.residual:
-                self._judged(X)
-            if tries <= _FEW and not failed:
-                c *= _SMALLER
-            elif tries > _MANY:
-                c *= _LARGER
-            failed = False
-        self._judged(X)
-        return X
+            else:
+                X = new
+                if self._cones.natural_map(X).size <= self._goal.residual:
+                    self._judged(X)
+                if tries <= _FEW and not failed:
+                    c *= _SMALLER
+                elif tries > _MANY:
+                    c *= _LARGER
+                failed = False
+            yield X
 
     def _proximal_step(self, centre: FloatArray, c: float) -> tuple[FloatArray | None, int]:
         """The step from the centre, by Newton's method, and its number of systems; None where it fails."""
@@ -291,23 +300,22 @@ class _ConeRun:
                 return at.projection.point, number + 1
         return None, _NEWTON
 
-    def _follow_curve(self, enough: float, opened: int | None = None) -> None:
-        """The curve of smoothed problems, or one from open contacts by its number, with Newton steps where it has come
-        near a solution and at its end, until this many operations have been spent.
+    def _curve(self, opened: int | None = None) -> Iterator[None]:
+        """The points of the curve of smoothed problems, or of one from open contacts by its number, with Newton steps
+        where it has come near a solution and at its end.
         """
         curve, near = ConeCurve(self._cones, opened), _NEAR
         at = curve.start()
-        for _ in range(self._settings.curve):
-            at = curve.step(at) if at is not None else None
-            if at is None or self._cones.matrix.operations > enough:
-                break
+        while at is not None:
             size = self._cones.natural_map(at.X).size
             self._recorded(at.X, size, ConeStep(at.X, at.Z, at.tau**2, float(np.linalg.norm(at.G)), 0.0, curve.h))
             if size <= near:
                 near = _NEARER * size
                 self._newton(at.X, self._settings.newton // 2)
-        if self._settings.curve:
-            self._newton(self._X, 2 * self._settings.newton)
+            yield
+            last, at = at.X, curve.step(at)
+            if at is None:
+                self._newton(last, 2 * self._settings.newton)
 
     def _result(self, status: Status, why: str) -> SolverResult:
         """The best answer, judged afresh."""
@@ -337,9 +345,6 @@ class ConeInteriorPoint(SolverSettings):
         sweeps: Whether Gauss-Seidel sweeps come first, or those that have been made for the problem.
         newton: Nonsmooth Newton steps in a row.
         path: Steps of the interior-point path.
-        curve: Steps along a curve of smoothed problems.
-        proximal: Proximal steps.
-        curves: Curves that begin with open contacts.
         work: Floating-point operations of all factorisations, and of what takes as long; an estimate.
         systems: Their number.
 
@@ -350,9 +355,6 @@ class ConeInteriorPoint(SolverSettings):
     sweeps: bool | Sweeps = True
     newton: int = within("[1, inf)", 12)
     path: int = within("[1, inf)", 80)
-    curve: int = within("[0, inf)", 300)
-    proximal: int = within("[0, inf)", 500)
-    curves: int = within("[0, inf)", 16)
     work: float = within("(0, inf)", 2e11)
     systems: int = within("[1, inf)", 6000)
 

@@ -1,5 +1,7 @@
 """The curve of smoothed problems: its derivative, its orientation, and problems that the other methods do not solve."""
 
+from itertools import groupby
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -23,12 +25,15 @@ def cones(problem):
 
 
 @pytest.mark.parametrize("problem", [stack(10, 2.0, 1203), capsules(4, 4, 0.7, 800)], ids=lambda problem: problem.title)
-def test_problems_on_which_the_path_is_blocked(problem):
-    """The curve turns; without it, and sweeps, the path does not lead to an answer."""
+def test_problems_on_which_the_path_is_blocked(problem, monkeypatch):
+    """The curve turns; without it, sweeps and proximal steps the path does not lead to an answer."""
+    monkeypatch.setattr(_ConeRun, "_take_turns", lambda run, X: [*run._curve()])
     result = solve_coulomb(problem.W, -problem.q, problem.mu)
     assert result.status is Status.CONVERGED and problem.residual(result.x) <= 1e-8
+    monkeypatch.setattr(_ConeRun, "_take_turns", lambda *_: None)
+    monkeypatch.setattr(_ConeRun, "_proximal_steps", lambda *_: iter(()))
     with pytest.raises(NotConverged):
-        solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(sweeps=False, curve=0, proximal=0, curves=0))
+        solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(sweeps=False))
 
 
 @pytest.mark.parametrize("seed", [0, 3, 6, 9])
@@ -52,23 +57,51 @@ def test_bodies_that_slide_far_on_rough_contacts(seed):
     assert np.abs(found[:, 1:] - v[:, 1:] * np.minimum(1.0, bound / size)[:, None]).max() <= 1e-7 * np.abs(found).max()
 
 
-def test_the_first_curve_leaves_work_to_others(monkeypatch):
-    """Of what is left it spends an eighth at most, proximal steps three quarters, other curves the rest."""
-    problem, begun, follow = scattered(30, 120, 2.0, 803), [], _ConeRun._follow_curve
+def test_a_curve_goes_on_after_the_turns_of_others():
+    """Its solution is 390 points away; proximal steps and curves from open contacts do not find one by then."""
+    problem = scattered(30, 120, 2.0, 103)
+    result = solve_coulomb(problem.W, -problem.q, problem.mu)
+    assert result.status is Status.CONVERGED and problem.residual(result.x) <= 1e-8
 
-    def followed(run, enough, opened=None):
-        begun.append((opened, run._cones.matrix.operations))
-        follow(run, enough, opened)
 
-    monkeypatch.setattr(_ConeRun, "_follow_curve", followed)
+def test_methods_take_turns_and_go_on_where_they_were(monkeypatch):
+    """The curve, proximal steps and a new curve from open contacts, until all systems are spent: 40 each of the 2560
+    first, then twice as many."""
+    taken = []
+
+    def spending(name):
+        def steps(run, given=None):
+            number = 0
+            while True:
+                run._cones.matrix.factorisations += 1
+                run._recorded(run._X, 1.0)
+                taken.append((name, given if name == "curve" else None, number := number + 1))
+                yield run._X
+
+        return steps
+
+    monkeypatch.setattr(_ConeRun, "_curve", spending("curve"))
+    monkeypatch.setattr(_ConeRun, "_proximal_steps", spending("steps"))
+    problem = stack(8, 1.0, 2)
+    with pytest.raises(NotConverged, match="max_iterations"):
+        solve_coulomb(
+            problem.W, -problem.q, problem.mu, ConeInteriorPoint(sweeps=False, newton=1, path=4, systems=2560)
+        )
+    turns = [[number for *_, number in turn] for _, turn in groupby(taken, lambda step: step[:2])]
+    assert turns[0] == [*range(1, 25)]  # from the path's end
+    for first in (1, 2):
+        assert turns[first] == [*range(1, 41)] and turns[first + 3] == [*range(41, 121)]
+        assert turns[first + 6] == [*range(121, 281)]
+    assert [len(turn) for turn in turns[3:12:3]] == [40, 80, 160] and all(turn[0] == 1 for turn in turns[3:12:3])
+    assert len(taken) < 2560 < len(taken) + 100
+
+
+def test_a_refusal_has_spent_all_work_and_has_the_best_answer():
+    problem = scattered(30, 120, 2.0, 803)
     with pytest.raises(NotConverged, match="Newton steps") as failure:
         solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(work=4e9))
     result = failure.value.result
     assert result.status is Status.MAX_ITERATIONS
-    (first, path), (second, steps) = begun[:2]
-    assert (first, second) == (None, 0)
-    left = 4e9 - path
-    assert path + 0.6 * left < steps < path + left * (1.0 / 8.0 + 0.75 * 7.0 / 8.0) + 1e8
     friction = FrictionProblem.coulomb(_compliance(problem.W), -problem.q, problem.mu)
     whole = Scales.of(friction).residual(friction, result.x, friction.gradient(result.x))
     assert result.residual == pytest.approx(whole, rel=1e-6) and whole >= 0.999 * problem.residual(result.x)
