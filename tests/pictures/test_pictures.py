@@ -72,7 +72,8 @@ def test_the_view_contains_the_body_and_little_else(lengths, view):
     camera = framing(points, direction, up, (1500, 1100), parallel)
     plotter = renderer().Plotter(off_screen=True, window_size=camera.size)
     plotter.add_mesh(renderer().PolyData(points))
-    camera.aim(plotter)
+    plotter.camera = camera.of_vtk
+    plotter.renderer.ResetCameraClippingRange()
     matrix = plotter.camera.GetCompositeProjectionTransformMatrix(camera.size[0] / camera.size[1], -1, 1)
     transform = np.array([[matrix.GetElement(i, j) for j in range(4)] for i in range(4)])
     plotter.close()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -38,47 +38,20 @@ MARGIN: Final = 0.015
 """Empty border on each side, over width and height: room for the width of lines."""
 
 
-@dataclass(frozen=True, eq=False)
-class Camera:
-    """A camera of VTK's.
+class Camera(NamedTuple):
+    """A camera and its picture.
 
     Attributes:
-        position: Its position, (3,).
-        focal_point: The point in the centre of view, (3,).
-        up: Upward direction, (3,), perpendicular to the direction of view.
-        opening: Without perspective half the height of what is seen, metres; else the tangent of half the opening.
-        centre: Offset of the picture's centre from the axis, over half the width and height.
-        parallel: Whether there is no perspective.
+        of_vtk: pyvista's camera.
         size: Size of the picture in pixels, width and height.
+        axes: Directions of x, y and z in the picture, right and up, (3, 2).
+        closeness: Pixels per metre in the middle, but for a factor that all cameras at the same points have.
     """
 
-    position: FloatArray
-    focal_point: FloatArray
-    up: FloatArray
-    opening: float
-    centre: tuple[float, float]
-    parallel: bool
+    of_vtk: Any
     size: tuple[int, int]
-
-    @property
-    def axes(self) -> FloatArray:
-        """Directions of x, y and z in the picture, right and up, (3, 2)."""
-        forward = self.focal_point - self.position
-        right = np.cross(forward, self.up)
-        return np.column_stack([right / np.linalg.norm(right), self.up])
-
-    def aim(self, plotter: Any) -> None:
-        """Apply it to a plotter."""
-        camera = plotter.camera
-        camera.position, camera.focal_point, camera.up = map(tuple, (self.position, self.focal_point, self.up))
-        camera.SetParallelProjection(self.parallel)
-        if self.parallel:
-            camera.SetParallelScale(self.opening)
-        else:
-            camera.SetViewAngle(2.0 * float(np.degrees(np.arctan(self.opening))))
-        camera.SetWindowCenter(*self.centre)
-        camera.is_set = True
-        plotter.renderer.ResetCameraClippingRange()
+    axes: FloatArray
+    closeness: float
 
 
 def beside(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -130,15 +103,15 @@ def framing(points: FloatArray, direction: FloatArray, up: FloatArray, most: tup
     at = [0.5 * float(seen.min() + seen.max()) for seen in (across, along)]
     shape = width / height
     pixels = (most[0], round(most[0] / shape)) if shape > most[0] / most[1] else (round(most[1] * shape), most[1])
-    return Camera(
-        position=middle + distance * back,
-        focal_point=middle,
-        up=above,
-        opening=height,
-        centre=(at[0] / width, at[1] / height),
-        parallel=parallel,
-        size=pixels,
-    )
+    camera = renderer().Camera()
+    camera.position, camera.focal_point, camera.up = map(tuple, (middle + distance * back, middle, above))
+    camera.SetParallelProjection(parallel)
+    camera.SetParallelScale(height)
+    if not parallel:
+        camera.SetViewAngle(2.0 * float(np.degrees(np.arctan(height))))
+    camera.SetWindowCenter(at[0] / width, at[1] / height)
+    camera.is_set = True
+    return Camera(camera, pixels, np.column_stack([right, above]), pixels[1] / height)
 
 
 VIEWS = {
@@ -249,7 +222,8 @@ def shots_of(steps: Sequence[Step], look: Look, camera: Camera) -> list[Shot]:
         plotter.window_size = camera.size
         plotter.clear_actors()
         bodies = paint(plotter, step, look)
-        camera.aim(plotter)
+        plotter.camera = camera.of_vtk
+        plotter.renderer.ResetCameraClippingRange()
         plotter.suppress_rendering = False
         pixels = _pixels(plotter)
         if bodies is not None:
@@ -292,7 +266,7 @@ def camera_of(steps: Sequence[Step], look: Look, size: tuple[int, int]) -> Camer
     points, parallel = np.concatenate(seen), look.view not in _OBLIQUE
     ways = _directions(look.view, steps[-1].grid("contact"))
     cameras = [framing(points, direction, up, size, parallel) for direction, up in ways]
-    return max(cameras, key=lambda camera: camera.size[1] / camera.opening)  # the largest picture
+    return max(cameras, key=lambda camera: camera.closeness)  # the largest picture
 
 
 def _shown(step: Step, look: Look) -> tuple[Grid, Grid]:
@@ -368,10 +342,10 @@ def paint(plotter: Any, step: Step, look: Look) -> Any:
         if field.vector:
             _arrows(plotter, contact, body, look)
     if look.caption:
-        camera = camera_of([step], look, tuple(plotter.window_size))
-        if camera.parallel:
+        camera = camera_of([step], look, tuple(plotter.window_size)).of_vtk
+        if camera.parallel_projection:
             plotter.enable_parallel_projection()
-        plotter.view_vector(camera.position - camera.focal_point, viewup=camera.up)
+        plotter.view_vector(np.subtract(camera.position, camera.focal_point), viewup=camera.up)
         plotter.add_text(look.caption, position=(0.02, 0.94), viewport=True, font_size=11, color=INK)
         plotter.add_axes(color=INK)
     return bodies
