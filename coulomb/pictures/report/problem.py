@@ -23,25 +23,15 @@ _CELLS = {
 }
 
 
-def bodies_and_meshes(run: Run) -> list[tuple[str, str]]:
+def bodies_and_meshes(run: Run) -> Facts:
     """Size and mesh of every body."""
-    grid, case = run.steps[-1].grid("solution"), run.case or {}
-    tables = {body.get("name"): body for body in case.get("body") or ()}
-    facts = []
+    grid, facts = run.steps[-1].grid("solution"), Facts()
     for block in blocks_of(grid):
-        of = f" {block.name}" if block.name else ""
-        mesh = tables.get(block.name, {}) if of else case.get("mesh", {})
-        source = f" ({' × '.join(map(str, mesh['cells']))})" if "cells" in mesh else ""
-        source = f" from {str(mesh['file']).rsplit('/', 1)[-1]}" if "file" in mesh else source
-        points = grid.points[block.points]
+        of, points = f" {block.name}" if block.name else "", grid.points[block.points]
         count = (block.cells.stop - block.cells.start) // block.pieces
-        facts += [
-            (f"body{of}", " × ".join(quantity(length, "m") for length in np.ptp(points, axis=0))),
-            (
-                f"mesh{of and f' of{of}'}",
-                f"{count} {_CELLS.get(block.kind, block.kind)}{source}, {in_nodes(len(points))}",
-            ),
-        ]
+        size = " × ".join(quantity(length, "m") for length in np.ptp(points, axis=0))
+        mesh = f"{count} {_CELLS.get(block.kind, block.kind)}, {in_nodes(len(points))}"
+        facts += [(f"body{of}", size), (f"mesh{of and f' of{of}'}", mesh)]
     return facts
 
 
