@@ -16,7 +16,6 @@ from ..solvers.friction_problem import FrictionProblem
 from ..solvers.rigid_motions import NO_MOTION, RigidMotions
 from .certificate import Evidence
 from .contact_body import ContactBody
-from .contact_stiffness import FixedStiffness
 from .linear_problem import ContactState, LinearProblem
 from .problem_evidence import gather_evidence
 from .stability import Stability
@@ -112,11 +111,6 @@ class DiscreteProblem:
             fixed = stiffness.of(self.elasticity, self.seconds)
             known = self._known = LinearProblem(fixed, self.state, self.seconds)
         return known
-
-    @property
-    def stiffness(self) -> FixedStiffness:
-        """K^-1 and A of the body at this time."""
-        return self.linear.stiffness
 
     @property
     def A(self) -> BodyCompliance:

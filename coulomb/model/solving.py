@@ -121,7 +121,7 @@ class Solving:
             start = np.atleast_2d(start)[0]  # of several
         criterion, counted = StoppingCriterion(posed), CountedProgress(self.progress, posed.comm)
         accept = criterion.by_contacts if on_the_way else criterion
-        with posed.body.stiffness.limited(posed.stiffness.solver):
+        with posed.body.stiffness.limited(posed.linear.stiffness.solver):
             problem = posed.friction_problem  # K^-1, A and b are timed separately
             posed.linear.prepare_products()
             if chosen.tolerance <= CERTIFIED_FROM:

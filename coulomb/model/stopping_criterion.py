@@ -232,7 +232,7 @@ class StoppingCriterion:
         remedies = ["a check of the units of lengths, forces and stiffnesses"]
         if problem.elasticity.ground is not None:
             remedies.insert(0, "a clamp or stiffer springs, to prevent the rigid motion")
-        if problem.stiffness.solver.tolerance > 0.0:
+        if problem.linear.stiffness.solver.tolerance > 0.0:
             remedies.insert(0, 'K factorised (linear_solver = "direct")')
         said = (
             f"{failure}; failing conditions: {failing_conditions(certificate)}; what may help: {', or '.join(remedies)}"

@@ -161,7 +161,7 @@ def test_materials_far_apart():
 
     expected, found = solved(MPI.COMM_SELF, stiffness.DirectSolver), solved(COMM, stiffness.IterativeSolver)
     assert found.certificate.passed
-    assert found.problem.stiffness.solver.name.startswith("iterative")
+    assert found.problem.linear.stiffness.solver.name.startswith("iterative")
     known = by_place(expected.problem.surface.x, expected.force_on_body)
     off = by_place(everywhere(found.problem.surface.x), everywhere(found.force_on_body)) - known
     assert np.linalg.norm(off) <= 1e-7 * np.linalg.norm(known)

@@ -109,7 +109,7 @@ def test_changed_constants_keep_what_they_do_not_change(order):
     now = values()
     posed = of_values(mesh, constants, **options)
     first = posed.solve(tolerance)
-    kept = [first.problem.stiffness]
+    kept = [first.problem.linear.stiffness]
     for name in ("friction", "gap", "load", "moved", "young", "load"):
         constants[name].value = now[name] = values(0.1 if name != "load" else 0.1 * len(kept))[name]
         other = posed.solve(tolerance, start=first.contact_force)
@@ -117,7 +117,7 @@ def test_changed_constants_keep_what_they_do_not_change(order):
         assert other.valid
         scale = np.abs(expected.displacement).max()
         assert other.displacement == pytest.approx(expected.displacement, abs=100.0 * tolerance * scale), name
-        kept.append(other.problem.stiffness)
+        kept.append(other.problem.linear.stiffness)
         same = kept[-1].elasticity.K is kept[-2].elasticity.K
         assert (kept[-1] is kept[-2]) == same == (name != "young")
     if order == 1:
@@ -134,12 +134,12 @@ def test_a_changed_modulus_of_forms_keeps_the_order_of_elimination():
     first = posed.solve()
     load.value[:] = (2.1e6, 0.0, -5.1e6)
     second = posed.solve(start=first.contact_force)
-    assert second.problem.stiffness is first.problem.stiffness and second.valid
+    assert second.problem.linear.stiffness is first.problem.linear.stiffness and second.valid
     assert second.result.newton_steps < first.result.newton_steps
     young.value = 1e11
     third = posed.solve(start=second.contact_force)
-    assert third.problem.stiffness is not first.problem.stiffness
-    assert third.problem.stiffness.solver.fronts is first.problem.stiffness.solver.fronts
+    assert third.problem.linear.stiffness is not first.problem.linear.stiffness
+    assert third.problem.linear.stiffness.solver.fronts is first.problem.linear.stiffness.solver.fronts
     assert third.displacement == pytest.approx(2.0 * second.displacement, abs=1e-6 * np.abs(second.displacement).max())
 
 
@@ -165,6 +165,6 @@ def test_constants_of_a_pair_of_bodies_and_a_tie():
     first = posed.solve(1e-11)
     load.value[:], friction.value = (2e5, 0.0, -1.5e6), 0.35
     second, expected = posed.solve(1e-11), made((2e5, 0.0, -1.5e6), 0.35).solve(1e-11)
-    assert second.problem.stiffness is first.problem.stiffness and second.valid
+    assert second.problem.linear.stiffness is first.problem.linear.stiffness and second.valid
     scale = np.abs(expected.displacement).max()
     assert second.displacement == pytest.approx(expected.displacement, abs=1e-9 * scale)

@@ -113,7 +113,7 @@ def test_the_choice_is_made_once(monkeypatch, direct):
     assert problem.body.stiffness.linear_solver is (DirectSolver if direct else IterativeSolver)
     solver = problem.body.stiffness.solver
     assert (solver.iterations > 0) is not direct  # of the first solution
-    assert problem.solve().certificate.passed and problem.stiffness.solver is solver
+    assert problem.solve().certificate.passed and problem.linear.stiffness.solver is solver
     assert not make_block(3, linear_solver=IterativeSolver).body.stiffness.explicit and len(asked) == 1
 
 

@@ -37,7 +37,7 @@ def pressed():
 
 def limited(problem, iterations):
     """Solves end after so many iterations from now on."""
-    problem.stiffness.solver._cg._limit = iterations
+    problem.linear.stiffness.solver._cg._limit = iterations
 
 
 @pytest.mark.parametrize("steps", [0, 5])

@@ -62,6 +62,6 @@ def test_what_a_second_solve_keeps():
     first = posed.solve()
     own.value = 1e-3
     second = posed.solve(start=first.contact_force)
-    assert second.problem.stiffness is first.problem.stiffness and second.problem.A is first.problem.A
+    assert second.problem.linear.stiffness is first.problem.linear.stiffness and second.problem.A is first.problem.A
     assert second.certificate.passed and len(second.result.history) <= max(3, len(first.result.history) / 2)
     assert comm.allreduce(np.abs(second.contact_force - first.contact_force).max(initial=0.0), op=MPI.MAX) > 0.0

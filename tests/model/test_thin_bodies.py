@@ -259,11 +259,11 @@ def test_patience_is_of_a_solution(monkeypatch, by_multigrid):
     """The next load step has it again, and what the user asks for afterwards is not refused."""
     problem = block()
     solution = problem.solve()
-    taken = problem.stiffness.solver.iterations
+    taken = problem.linear.stiffness.solver.iterations
     monkeypatch.setattr(problem.body.stiffness, "_patience", 1.5 * taken)
     for time in (1.0, 2.0, 3.0):
         assert problem.at(time).solve().valid
-    assert problem.stiffness.solver.iterations > 2.0 * taken and not problem.body.stiffness.present.why
+    assert problem.linear.stiffness.solver.iterations > 2.0 * taken and not problem.body.stiffness.present.why
     monkeypatch.setattr(problem.body.stiffness, "_patience", 1.0)
     problem.at(4.0).solve()
     assert problem.body.stiffness.present.why

@@ -131,7 +131,7 @@ def test_multigrid_takes_as_many_steps_as_for_one_mesh():
     counts = []
     for other in (0, 6, 4):
         problem = cut_bar(6, other, "hexahedron", 1, linear_solver=IterativeSolver)
-        u, solver = problem.elasticity.K.createVecRight(), problem.stiffness.solver
+        u, solver = problem.elasticity.K.createVecRight(), problem.linear.stiffness.solver
         solver.solve(problem.linear.f, u)
         counts.append(solver.iterations)
     assert max(counts) <= 1.2 * counts[0], counts
