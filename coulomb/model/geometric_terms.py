@@ -208,7 +208,9 @@ class GeometricTerms:
 
         c = problem.surface.components(np.einsum("kji,kj->ki", turn, of_points(surface.displacements(w))))
         body, e = there.elasticity, np.zeros(0 if problem.rigid is None else problem.rigid.count)
-        forces = body.internal_force(v) - body.spring_force(v) - there.loading.load + surface.at_nodes(x.ravel())
+        forces = surface.at_nodes(x.ravel()) - body.spring_force(v) - there.loading.load
+        if not self._large:  # else v is 0
+            forces += body.internal_force(v)
         apart, turned = np.zeros((2, *forces.shape))
         if self._near:
             forces += far_loads(body, body.x - body.reference)

@@ -306,6 +306,11 @@ class SingleBody(DisplacementSpace, Deformable):
         return False
 
     @property
+    def held_everywhere(self) -> bool:
+        """Whether supports are known to prevent its rigid motions wherever it is."""
+        return False
+
+    @property
     def component_names(self) -> tuple[str, ...]:
         _, parts = component_modes(self.x, self.component, self.comm)
         return names_of_components(parts)

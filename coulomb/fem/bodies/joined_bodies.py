@@ -22,6 +22,7 @@ from .deformable import Deformable, Member, SingleBody
 from .elasticity import LoadedBody, refuse_others
 from .elimination import Made
 from .equations import Linked, Links
+from .free_motions import FreeMotions
 from .joined_numbers import JoinedNumbers, in_joined_numbers
 from .lasting_supports import End
 from .linear_constraints import Constraints
@@ -275,6 +276,13 @@ class JoinedBodies(Deformable):
         return self._numbers.of([one.name for one in self._members].index(member.name), numbers)
 
     # --- stiffness ----------------------------------------------------------------------------------------------------
+
+    @property
+    def free(self) -> FreeMotions:
+        if self.constraints.bolts or not all(one.body.held_everywhere for one in self._members):
+            return super().free
+        component, names = self.moving_together
+        return FreeMotions(self.comm, component, (), names)
 
     def assembled(self) -> PETSc.Mat:
         blocks = []

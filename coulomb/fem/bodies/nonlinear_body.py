@@ -132,7 +132,6 @@ class NonlinearBody(FormBody):
         return self.at_time(time)._placed(u, time, before, previous)
 
     def _placed(self, u: FloatArray, time: float, before: End | None, previous: FloatArray | None) -> NonlinearBody:
-        free_earlier_bodies(self.domain)
         _ = self.not_held, self.boundary  # once, for all places
         there = copy.copy(self)
         there._place, there._without_place, there.x = None, self._without_place or self, self.reference + u
@@ -213,6 +212,10 @@ class NonlinearBody(FormBody):
         assert self._place is not None
         return self._place
 
+    def assembled(self) -> PETSc.Mat:
+        free_earlier_bodies(self.domain)  # every tangent has one more matrix
+        return super().assembled()
+
     @property
     def _definite(self) -> bool:
         """Of the undeformed body; a deformed one may be unstable on the way to its equilibrium."""
@@ -248,11 +251,19 @@ class NonlinearBody(FormBody):
         return free_motions(self.x, self.component, names, self.held.held_part(modes), self.comm)
 
     @property
+    def held_everywhere(self) -> bool:
+        return not len(self.not_held)
+
+    @property
+    def component_names(self) -> tuple[str, ...]:
+        return self.not_held.bodies
+
+    @property
     def free(self) -> FreeMotions:
-        return super().free if len(self.not_held) else self.not_held
+        return self.not_held if self.held_everywhere else super().free
 
     def resisted(self, modes: FloatArray) -> FloatArray:
-        return super().resisted(modes) if len(self.not_held) else np.zeros_like(modes)
+        return np.zeros_like(modes) if self.held_everywhere else super().resisted(modes)
 
     @property
     def ground(self) -> FloatArray | None:
