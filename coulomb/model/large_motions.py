@@ -69,6 +69,9 @@ _WORSE: Final = 10.0
 _CLOSER: Final = 0.1
 """Part of the tolerance to which linear problems are solved from a certified iterate, judged contact by contact."""
 
+_NEARLY: Final = 0.3
+"""Part of the tolerance to which what exact Newton steps leave out may be, that others have a part, too."""
+
 _Solve = Callable[[Linearised, FloatArray, bool], LinearAnswer]
 """Solves a linear problem, starting from forces (3 m,); closer where an iterate is certified."""
 
@@ -226,7 +229,7 @@ class LoadStepLoop:
             ways = [(whole_way, 0.5**k) for k in range(_BACKTRACKS)]
             if exact:
                 here.problem.iterate = self._elsewhere
-                if step := newton_step(here.problem, posed, here.u, whole_way, sizes[-1]):
+                if step := newton_step(here.problem, posed, here.u, whole_way, sizes[-1], _NEARLY * tolerance):
                     ways.insert(0, (step, 1.0))
             for way, part in ways:
                 poses = here.problem.state.poses_after(part * way.rigid)

@@ -26,11 +26,17 @@ from ..solvers.successive_tresca import Anderson
 from .discrete_problem import DiscreteProblem
 from .geometric_terms import GeometricTerms, Way
 
-_ACCURACY = (0.005, 0.03)
+_ACCURACY = (0.01, 0.06)
 """Least and largest change of the step, over itself, at which it is found: in between the root of the residual, so that
 convergence is faster than linear (S. C. Eisenstat, H. F. Walker, SIAM J. Sci. Comput. 17, 1996)."""
 
-_MOST: Final = 6
+_LAST: Final = 1e-3
+"""Residual below which the step may be the last: it is found so accurately that it is, as more differences cost less
+than another linear problem; to a change of `_CLOSEST` at most, as differences are not more accurate."""
+
+_CLOSEST: Final = 1e-5
+
+_MOST: Final = 8
 """Largest number of differences for a step."""
 
 
@@ -44,7 +50,7 @@ class Step(NamedTuple):
 
 
 def newton_step(
-    problem: DiscreteProblem, posed: DiscreteProblem, u: FloatArray, linear: Step, residual: float
+    problem: DiscreteProblem, posed: DiscreteProblem, u: FloatArray, linear: Step, residual: float, within: float
 ) -> Step | None:
     """The Newton step from a displacement u (k, 3); None where its equations are singular, nearly, or it is not found;
     collective.
@@ -54,7 +60,8 @@ def newton_step(
         posed: and as it was posed, without springs where contact presses.
         u: The displacement, metres, shape (k, 3).
         linear: The answer of the linear problem.
-        residual: Of the certificate at u.
+        residual: Of the certificate at u,
+        within: and to which it has to become.
     """
     du, x, alpha = linear
     over, reduction = Reductions(problem.comm), problem.elasticity.reduction
@@ -63,6 +70,8 @@ def newton_step(
     point, count = np.concatenate([du.ravel(), here * alpha]), du.size
     linear_problem, local = problem.linear, 1.0 / problem.linear.node_stiffness
     accuracy = np.clip(np.sqrt(residual), *_ACCURACY)
+    if residual < _LAST:
+        accuracy = min(accuracy, max(within / residual, _CLOSEST))
     try:
         at = at_answer(problem.friction_problem, linear_problem.formed_A, local, x)
     except (ValueError, CGNotConverged):
@@ -77,7 +86,8 @@ def newton_step(
             return None
         step = du + problem.moved(reduction.displacement(owed.u.reshape(-1, 3)), owed.alpha)
         after = np.concatenate([step.ravel(), here * (alpha + owed.alpha)])
-        if over.norm(after - point) <= accuracy * over.norm(after):
-            return Step(step, x + owed.x, alpha + owed.alpha)
+        change, size = over.norm(after - point), over.norm(after)
+        if change <= accuracy * size:
+            break
         point = mixing.next(point, after - point, 1.0)
-    return None
+    return Step(step, x + owed.x, alpha + owed.alpha) if change <= _ACCURACY[1] * size else None
