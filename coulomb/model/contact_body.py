@@ -331,6 +331,12 @@ class ContactBody:
     def pair(self, number: int) -> Pair:
         return self._faces.pair(number, self.elasticity)
 
+    @property
+    def pairs(self) -> list[Pair]:
+        """Of all contacts against a deformable face; collective."""
+        against = [number for number, one in enumerate(self.contacts) if one.against is not None]
+        return [self.pair(number) for number in against]
+
     def judged_pair(self, number: int) -> JudgedPair:
         """What judges the pair of a contact; collective."""
         known = self.judged_pairs.get(number)
@@ -417,6 +423,10 @@ class ContactBody:
             after = replace(after, frames=before.frames, B=before.B, free_B=before.free_B, slip_prescribed=same)
         self._latest[locked] = _Positioned(after, motions, factors)
         return after
+
+    def slid(self, state: ContactState, u: FloatArray) -> ContactSurface:
+        """As of `ContactFaces`, of a state here; collective."""
+        return self._faces.slid(state.surface, state.elasticity, u, state.time)
 
     def state(self, time: float, before: State | None = None, poses: FloatArray | None = None) -> ContactState:
         """The state at a time, in which slip is measured from the end of the load step before, moved with the

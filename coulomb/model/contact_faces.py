@@ -23,6 +23,7 @@ from ..fem.contact import (
     pair_of,
     pair_surface,
     slave_side,
+    slid_surface,
 )
 from ..fem.geometry import RigidFoundation, RigidMotion, moved, on_all_ranks
 from ..linalg.reductions import Reductions
@@ -171,6 +172,16 @@ class ContactFaces:
                 )
             surfaces.append(surface)
         return joined(elasticity, surfaces)
+
+    def slid(self, surface: ContactSurface, elasticity: Deformable, u: FloatArray, time: float) -> ContactSurface:
+        """The contact surface of faces that are against deformable ones alone after small displacements u (k, 3) in
+        metres from where it is (`slid_surface`); collective."""
+        given = self.gap_factors(time)[surface.part] * surface.gap_field
+        each = (
+            slid_surface(elasticity, self.pair(number, elasticity), one.axes, u, given[surface.part == number])
+            for number, one in enumerate(self._contacts)
+        )
+        return joined(elasticity, list(each))
 
     def law(self, surface: ContactSurface, time: float, slip_rate: FloatArray) -> FrictionLaw:
         """The law of friction at this rank's contact points at a time, slip rates (m,) in m/s; collective."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
 from typing import Self
@@ -43,7 +44,11 @@ class DiscreteProblem:
         loading: Loads and prescribed displacements.
         time: Time of loads, prescribed displacements and the foundation's position.
         law: Law of friction at this rank's contact points.
+        slid: The problem after small displacements (k, 3) in metres, where faces that slide on each other alone owe
+            anything to these beyond the linear problem (`Iterate.slid`); else None.
     """
+
+    slid: Callable[[FloatArray], DiscreteProblem] | None = None
 
     def __init__(
         self,

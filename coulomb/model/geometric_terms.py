@@ -93,7 +93,8 @@ class GeometricTerms:
         problem: The linear problem at the answer, whose derivative is P.
         near: Without those of constraints and of loads that turn with their face (`TurningTerms`).
         start: The same problem as it was posed, from which differences are taken forward: half of the work, with
-            errors of the order of their step; None for central ones.
+            errors of the order of their step, and of pairs alone where nothing else is owed (`DiscreteProblem.slid`);
+            None for central ones.
 
     Attributes:
         following: In large motions the forces of constraints on nodes that follow, newtons, shape (k, 3).
@@ -117,7 +118,8 @@ class GeometricTerms:
         turns = self._large and bool(constraints.ties)
         self.following = constraints.lacking(left, problem.time) if turns else np.zeros_like(u)
         self._turns, self._near = turns and not near, near
-        self._start = None if start is None else self._in(start)
+        self._slid = None if start is None else problem.slid
+        self._posed, self._start = start, None if start is None else self._in(start)
 
     def along(self, way: Way) -> Terms:
         """Along a way, to which they are in proportion; collective."""
@@ -141,10 +143,14 @@ class GeometricTerms:
             linear = linear - body.reduction.on_followed(found.turned)
             apart = apart + body.reduction.left_apart(way.u)
         if self._large:
+            closed = closed + problem.surface.rows(way.u)
+        if self._slid is not None and self._posed is not None:
+            if body is not self._posed.elasticity:  # with springs, or another tangent
+                linear = linear + body.internal_force(way.u) - self._posed.elasticity.internal_force(way.u)
+        elif self._large:
             linear = linear + body.internal_force(way.u) - body.spring_force(way.u)
             if self._near:
                 linear += body.constraints.spring_force(way.u) - body.reduction.bent_force(way.u)
-            closed = closed + problem.surface.rows(way.u)
         return replace(found, load=linear, apart=apart, c=closed, e=-found.e)
 
     def between(self, more: DiscreteProblem, less: DiscreteProblem, h: float) -> Terms:
@@ -172,6 +178,8 @@ class GeometricTerms:
     def _at(self, h: float, way: Way) -> Terms:
         """The equations, and what else is in `Terms`, at h times the way from the answer; collective."""
         problem, state = self._problem, self._problem.state
+        if self._slid is not None:
+            return self._in(self._slid(h * way.u))
         u = self._u + h * way.u if self._large else self._u
         before: Any = problem.before
         if before is not None and way.before is not None and self._large:

@@ -258,6 +258,34 @@ class Iterate:
             )
             then = replace(then, slip_origin=-there.surface.components(slip), spins=tuple(spins))
         self.problem = posed.in_state(then, posed.body.seconds, before)
+        self._posed, self._start = self.problem, start
+        if start is not None and self._pairs_alone:
+            self.problem.slid = self.slid
+
+    @property
+    def _pairs_alone(self) -> bool:
+        """Whether what the linear problem leaves out are faces that slide on each other alone."""
+        constraints, pairs = self.body.constraints, self.problem.body.pairs
+        turning = constraints.ties or constraints.motions or constraints.bolts
+        bodies = [one.body for one in self.body.members]
+        return (
+            len(pairs) == len(self.problem.contacts)
+            and all(contact.adjust == 0.0 for contact in self.problem.contacts)
+            and all(pair.near.slave.patch.curved is None for pair in pairs)
+            and not turning
+            and not any(nonlinear(one).follows or one.has_mean_dilatation or list(one.wrenches()) for one in bodies)
+        )
+
+    def slid(self, du: FloatArray) -> DiscreteProblem:
+        """The problem with the pairs as they are after small displacements du (k, 3) in metres, and all else as it is
+        here; collective."""
+        problem, state, start = self._posed, self._posed.state, self._start
+        assert start is not None
+        surface = problem.body.slid(state, du)
+        slip = start.between_faces(self.body.x + du, surface, self.foundations)
+        law = state.law.at(np.maximum(surface.places_among(state.surface.nodes, state.surface.part), 0))
+        there = replace(state, surface=surface, law=law, slip_origin=-surface.components(slip))
+        return problem.in_state(there, None, self._before)
 
     def pose(self, body: Deformable) -> None:
         """The linear problem of these bodies, which are those before with another tangent and load; collective."""

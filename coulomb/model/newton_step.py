@@ -86,8 +86,8 @@ def newton_step(
             return None
         step = du + problem.moved(reduction.displacement(owed.u.reshape(-1, 3)), owed.alpha)
         after = np.concatenate([step.ravel(), here * (alpha + owed.alpha)])
-        change, size = over.norm(after - point), over.norm(after)
-        if change <= accuracy * size:
+        off, size = over.norm(after - point), over.norm(after)
+        if off <= accuracy * size:
             break
         point = mixing.next(point, after - point, 1.0)
-    return Step(step, x + owed.x, alpha + owed.alpha) if change <= _ACCURACY[1] * size else None
+    return Step(step, x + owed.x, alpha + owed.alpha) if off <= _ACCURACY[1] * size else None

@@ -8,6 +8,8 @@ import coulomb
 from coulomb.fem.bodies import local_rows
 from coulomb.fem.contact import springs_at
 from coulomb.kinematics import LargeMotions
+from coulomb.model import newton_step
+from coulomb.model.geometric_terms import GeometricTerms
 
 
 def drawn(down, along):
@@ -73,6 +75,34 @@ def test_a_block_drawn_over_a_block():
         before, after = np.array(step.residuals[1:-1]), np.array(step.residuals[2:])
         near = before < 1e-2
         assert np.all(after[near] < np.maximum(0.05 * before[near], 1e-9))
+
+
+@pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
+def test_differences_of_pairs_alone_are_those_of_the_whole_problem(cell, degree, monkeypatch):
+    """Also at facets that are in part beyond the edge of the face opposite, and with springs where contact presses."""
+    compared = []
+
+    class Both(GeometricTerms):
+        def along(self, way):
+            slid, self._slid = self._slid, None
+            whole = super().along(way)
+            self._slid = slid
+            found = super().along(way)
+            stress = np.abs(self._problem.elasticity.internal_force(way.u)).max()
+            rounding = {"load": 1e-5 * stress, "c": 1e-7 * np.abs(way.u).max(), "bound": 1e-7}
+            for name, error in rounding.items():
+                different = np.abs(getattr(found, name) - getattr(whole, name))
+                assert different.max() <= 2e-4 * np.abs(getattr(whole, name)).max() + error
+            compared.append(slid is not None and np.any(whole.load))
+            return found
+
+    monkeypatch.setattr(newton_step, "GeometricTerms", Both)
+    lower = RubberBlock(cells=(3, 1, 1), size=(0.8, 0.4, 0.4), held="bottom", cell=cell, degree=degree)
+    where = {"size": (0.6, 0.4, 0.4), "at": (0.3, 0.0, 0.4), "cell": cell, "degree": degree}
+    upper = RubberBlock(drawn(0.1, 0.2), cells=(2, 1, 1), **where)
+    contact = coulomb.Contact("upper:bottom", against="lower:top", friction=0.3)
+    counts(solutions(coulomb.join(lower=lower.body, upper=upper.body), contact, [0.5, 1.0, 1.5]))
+    assert compared and all(compared)
 
 
 def sharp_punch(cells, depth, sides=()):

@@ -45,6 +45,7 @@ from .passages import Ways, into_foundation, through_each_other
 from .sections import Pretension
 from .sectors import refuse_uneven_sectors, refuse_uneven_supports
 from .self_contact import two_sides
+from .slid_pairs import slid_surface
 from .slip import FaceMotion, foot_points
 from .surface import (
     NOISE,

@@ -149,6 +149,8 @@ def slave_functions(
 
 def _nearest(slave: FacetPatch, nodes: IntArray, bare: IntArray, standing: BoolArray) -> IntArray:
     """For some facets, the nearest of these nodes among those of the facets that they share nodes with; -1 if none."""
+    if not len(bare):
+        return np.empty(0, dtype=np.int64)
     facets, width = nodes.shape
     ones = np.ones(facets * width)
     on = scipy.sparse.csr_matrix((ones, nodes.ravel(), np.arange(0, facets * width + 1, width)), (facets, slave.size))

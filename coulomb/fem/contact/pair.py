@@ -28,7 +28,7 @@ from ..meshes import Exchange, boundary_facets, fetched, owner_of, starts_of
 from .contact_points import ContactPoints, among_all, free_lengths
 from .facet_patch import FacetPatch, facet_patch
 from .mortar import LEAST_SHARE, MortarRows, mortar_rows
-from .near_facets import NearFace, near_pair, normals_at_nodes
+from .near_facets import NearFace, NearPair, near_pair, normals_at_nodes
 from .passages import refuse_inside
 from .surface import ContactSurface, matrices_of
 
@@ -289,6 +289,8 @@ class Pair:
         gap: Distance along them before deformation in metres, adjusted, shape (m,).
         held: Projectors on the held directions of the slave nodes, shape (m, 3, 3).
         elsewhere: Nodes of the slave face that are contact points of another contact instead (`nodes_at_seams`).
+        near: The facets of both faces that are before each other,
+        left_out: and which slave nodes among them have no contact point.
         remarks: What a user should know of it.
     """
 
@@ -301,6 +303,8 @@ class Pair:
     held: FloatArray
     chord: FloatArray
     elsewhere: IntArray
+    near: NearPair
+    left_out: IntArray
     remarks: tuple[str, ...] = ()
 
 
@@ -410,7 +414,7 @@ def pair_of(
         remarks = (f"contact face {face!r}: no part of it is opposite to {against!r} yet: nothing touches there",)
     chord = np.maximum(rows.chord, np.column_stack([np.maximum(off, between), np.zeros_like(off), nearer]))
     chord[closed & (adjust > 0.0)] = 0.0
-    return Pair(face, against, points, x, n, gap, held, chord, slave.nodes.start + twice, remarks)
+    return Pair(face, against, points, x, n, gap, held, chord, slave.nodes.start + twice, near, left_out, remarks)
 
 
 def bulges_at_points(

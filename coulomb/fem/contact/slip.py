@@ -79,13 +79,14 @@ class FaceMotion:
             slip[here] = motion.turned(way - given[here, None] * turn)
         paired = surface.points.opposite is not None
         if body.comm.allreduce(paired):
-            slip += self._between_faces(body, surface, foundations)
+            slip += self.between_faces(body.x, surface, foundations)
         return slip
 
-    def _between_faces(self, body: Deformable, surface: ContactSurface, foundations: Foundations) -> FloatArray:
-        then, now = (_separation(one, body.x) for one in (self.surface, surface))
+    def between_faces(self, x: FloatArray, surface: ContactSurface, foundations: Foundations) -> FloatArray:
+        """`slip` of pairs, 0 of others, with this rank's nodes at x (k, 3), metres; collective."""
+        then, now = (_separation(one, x) for one in (self.surface, surface))
         place = surface.places_among(self.surface.nodes, self.surface.part)
-        slip, known = _separation(surface, body.x - self.x), place >= 0
+        slip, known = _separation(surface, x - self.x), place >= 0
         slip[known] = then[place[known]] - now[known]
         if surface.points.mirrored is not None:  # beyond a plane of symmetry both faces go on
             slip -= np.einsum("mij,mj->mi", surface.points.mirrored, slip)
