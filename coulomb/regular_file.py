@@ -58,7 +58,7 @@ def unwritable(directory: Path) -> str:
     """Reason why no files can be written into a directory, which need not exist yet; empty if they can."""
     place = directory.absolute()
     try:
-        while not place.exists() and place != place.parent:
+        while not (place.exists() or place.is_symlink()) and place != place.parent:
             place = place.parent
         if not place.is_dir():
             return f"{place} is no directory"

@@ -254,6 +254,11 @@ def test_links_are_replaced_not_what_they_point_to(made):
     assert check("place.previous").passed and not KEPT.exists()
 
 
+def test_a_link_to_nothing():
+    OUT.symlink_to("nothing")
+    assert "out is no directory" in run(code=2)
+
+
 def test_results_beside_the_case_and_above_others(made):
     """The directory itself stays what it is: a shell, another run and the user's files are in it."""
     there(made, "single", "runs/other")
