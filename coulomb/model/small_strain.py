@@ -101,7 +101,8 @@ class SmallStrain:
             given gap, over the mean displacement of the forces that deform the bodies of its contact (`FaceScales`);
             against another deformable face what the distance differs by from the linear one, of open nodes their depth.
         turn: Largest angle in degrees between the foundation's normals at a node in contact before and after its
-            displacement.
+            displacement; in large motions between the directions of a curved guide, a support along normals or by
+            place, at a node that it holds.
         slip_over_cell: Largest tangential displacement of a pressing node on a curved foundation, or against another
             deformable face, over the size of the cells there: square root of the nodal area, of slices the width along
             the section.
@@ -184,7 +185,12 @@ class SmallStrain:
                 f"{self.gap_error:.0%} of the deformation off it{self.off} (smaller load, or smaller load steps with "
                 'the foundation moved to its new place; between deformable faces kinematics = "large")',
             ),
-            (self.turn, TURN, f"the foundation's normal turns by {self.turn:.1f} degrees under a moving node"),
+            (
+                self.turn,
+                TURN,
+                f"the normal of the foundation, or of a curved guide, turns by {self.turn:.1f} degrees under a moving "
+                "node (supports keep their directions: in large motions let a smooth contact guide the face)",
+            ),
             (
                 self.between,
                 BETWEEN,

@@ -147,6 +147,33 @@ def test_a_prescribed_rotation_is_a_rotation():
     assert step.state.energy.elastic < 1e-9
 
 
+@pytest.mark.parametrize("angle", [0.0, 1.0])
+@pytest.mark.parametrize("guided", ["surface", "direction"])
+def test_a_shaft_that_turns_in_a_guide_of_supports_leaves_it(angle, guided):
+    """Supports keep their directions: nodes of a shaft in a guide that turn go along its tangents, not around; the
+    angle is that of their radii before and after.  A shaft that slides along its guide stays in it."""
+
+    def place(x):
+        a, b = 2.0 * x[0] - 1.0, 2.0 * x[1] - 1.0
+        return np.array([a * np.sqrt(1.0 - 0.5 * b * b), b * np.sqrt(1.0 - 0.5 * a * a), 2.0 * x[2]])
+
+    way = {"surface": coulomb.Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 1.0), "components": "normal"}
+    way = way if guided == "surface" else {"direction": lambda x: x * [[1.0], [1.0], [0.0]]}
+    moved = PrescribedDisplacement("top", (0.0, 0.0, 0.5), amplitude=UP)
+    if angle:
+        moved = coulomb.PrescribedRotation("top", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), angle, UP)
+    mesh = coulomb.box((1.0, 1.0, 1.0), (2, 2, 2), place=place)
+    supports = [*(coulomb.Clamp(face, **way) for face in ("left", "right", "front", "back")), moved]
+    far = Contact("bottom", 0.3, foundation=coulomb.Plane((0.0, 0.0, -9.0), (0.0, 0.0, 1.0)))
+    answer = last(ContactProblem(mesh, RUBBER, supports, far, kinematics="large")).solution
+    then = answer.problem.elasticity.alone.reference[:, :2]
+    on, now = np.linalg.norm(then, axis=1) > 0.99, then + answer.displacement[:, :2]
+    cosines = np.einsum("ki,ki->k", then, now)[on] / np.linalg.norm(now[on], axis=1)
+    turned = np.degrees(np.arccos(np.clip(cosines / np.linalg.norm(then[on], axis=1), -1.0, 1.0)).max())
+    assert answer.small_strain.turn == pytest.approx(turned, abs=1e-5)
+    assert answer.valid == (turned < 15.0) == (angle < 1.0)
+
+
 def test_groups_of_cells_have_their_own_laws():
     """A soft and a stiff half in a row carry the same force."""
     mesh = coulomb.box((1.0, 1.0, 1.0), (1, 1, 2))

@@ -29,6 +29,7 @@ from ..meshes import NamedMesh
 from .body import STRESSES, ElasticBody, strain
 from .constraints import HeldDirections, HeldNodes, SupportedNodes, contradictions, prescribed_rows
 from .deformable import Deformable, SingleBody
+from .displacement_space import DisplacementSpace
 from .elimination import Made
 from .lasting_supports import End, acts, limits_of, share_left
 from .loads import (
@@ -263,19 +264,22 @@ class LoadedBody(ElasticBody, HeldNodes):
         self.contradictions = contradictions(given, self._rows, self._values, self.x, self.mesh.comm)
 
     def _supported_nodes(self, support: Support) -> SupportedNodes:
+        face = self.supported_face(support, self)
+        return SupportedNodes(support, face.nodes, support.directions(face), support.displacement(face))
+
+    def supported_face(self, support: Support, place: DisplacementSpace) -> SupportedFace:
+        """The face of a support of this body, or of the body at another place; collective."""
         if support.face in self.mesh.node_sets:
             nodes = self.nodes_at(self.mesh.node_sets[support.face])
-            face = SupportedFace(nodes, self.x[nodes], self.mesh.comm)
-            return SupportedNodes(support, nodes, support.directions(face), support.displacement(face))
+            return SupportedFace(nodes, place.x[nodes], self.mesh.comm)
         facets = self.mesh.facets(support.face, support.kind)
         nodes = self.nodes_of(facets)
 
         def integrals() -> tuple[FloatArray, FloatArray]:
-            area, normal = self.positive_weights(facets)
+            area, normal = place.positive_weights(facets)
             return area[nodes], normal[nodes]
 
-        face = SupportedFace(nodes, self.x[nodes], self.mesh.comm, integrals)
-        return SupportedNodes(support, nodes, support.directions(face), support.displacement(face))
+        return SupportedFace(nodes, place.x[nodes], self.mesh.comm, integrals)
 
     def spring_stiffness(self, spring: Spring) -> Any:
         """Along x, y and z, N/m^3: a Constant, or of a function of place a Function."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from operator import add
-from typing import Any, Self, cast
+from typing import Any, Final, Self, cast
 
 import numpy as np
 from mpi4py import MPI
@@ -41,9 +41,12 @@ from .materials import Materials, by_group, material_of_cells
 from .mean_dilatation import AT_POINTS, MEAN_ABOVE, CellProducts, MeanVolume, linear_hexahedra
 from .nonlinear_body import NonlinearBody
 from .rigid_modes import Wrench, nearest_turn
-from .supports import PrescribedRotation, Spring, Support
+from .supports import PrescribedDisplacement, PrescribedRotation, Spring, Support
 
 _NOTHING = (0.0, 0.0, 0.0)
+
+_STRAIGHT: Final = 1e-7
+"""Sine of the angle of two directions below which they are the same."""
 
 
 class _SupportedBody(LoadedBody):
@@ -439,6 +442,29 @@ class HyperelasticBody(NonlinearBody):
     @property
     def numbers_per_cell(self) -> int:
         return self._loaded.numbers_per_cell
+
+    def turn_of_guides(self) -> float:
+        sine, loaded, comm = 0.0, self._loaded, self.comm
+        for support, acts in zip(loaded.supports, loaded.acting or (True,) * len(loaded.supports), strict=True):
+            if not acts or not isinstance(support, PrescribedDisplacement):
+                continue
+            then = _projections(support.directions(loaded.supported_face(support, loaded)))
+            ends = [np.max(of, axis=0, initial=-1.0) for of in (then, -then)]
+            if np.max(np.max(comm.allgather(ends), axis=0).sum(axis=0)) < _STRAIGHT:  # it is straight
+                continue
+            try:
+                now = _projections(support.directions(loaded.supported_face(support, self)))
+            except ValueError:  # the face has an edge now, or is off the surface
+                return 90.0
+            off = np.linalg.norm(now - then, axis=(1, 2)) / np.sqrt(2.0)
+            sine = max(sine, comm.allreduce(float(np.max(off, initial=0.0)), op=MPI.MAX))
+        return float(np.degrees(np.arcsin(min(sine, 1.0)))) if sine > _STRAIGHT else 0.0
+
+
+def _projections(directions: FloatArray) -> FloatArray:
+    """Onto the directions of supports (q, 3, 3), shape (q, 3, 3); of those turned by an angle the difference has the
+    Frobenius norm sqrt(2) times its sine."""
+    return np.einsum("qri,qrj->qij", directions, directions)
 
 
 def _surfaces(body: LoadedBody, faces: Sequence[Int32Array]) -> Callable[[int, Any], Any]:
