@@ -55,6 +55,7 @@ from .cones import ConeProblem, Scales
 from .gauss_seidel import Sweeps, sweep
 
 _CLEAR: Final = 1e-7  # least penetration that is called a contradiction, over the largest |b|
+_EXACT: Final = 1e-15  # d^T A d over its size by single contacts that rounding errors of A may cause
 _MOST_ENTRIES: Final = 3_000_000  # entries of A beyond which the question is not asked
 _NAMED: Final = 4  # contacts that are named
 
@@ -82,8 +83,8 @@ def contradiction(problem: FrictionProblem, W: Any) -> str:
         return ""
     d = np.maximum(-np.asarray(found.ineqlin.marginals), 0.0)
     against = float(b_n @ d)
-    moved, own = np.abs(rows.T @ d), np.sqrt(np.maximum(W.diagonal(), 0.0))  # masses may be decades apart
-    if not (float(np.linalg.norm(moved)) <= 1e-6 * against and np.all(moved <= 1e-6 * own * float(own[0::3] @ d))):
+    work, own = abs(float(d @ (rows[:, 0::3] @ d))), float(np.sqrt(np.maximum(W.diagonal()[0::3], 0.0)) @ d)
+    if not (against > 0.0 and work <= _EXACT * own**2):  # masses decades apart, the light ones alone balance d
         return ""
     worst = np.argsort(-d)[: min(_NAMED, int(np.count_nonzero(d > 1e-6 * d.max())))]
     names = ", ".join(str(k) for k in np.sort(worst))

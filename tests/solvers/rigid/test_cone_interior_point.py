@@ -80,6 +80,35 @@ def test_a_heavy_body_is_no_contradiction():
     assert contradiction(problem, A) == ""
 
 
+def boxes_upon_each_other(decades, closing):
+    """Ten boxes with four contacts at each joint, masses so many decades apart, and a ceiling: a problem and its W.
+
+    Velocities at its contacts are those of the boxes, and the ceiling comes nearer by `closing`.
+    """
+    corners, rng = np.array([(x, y, 0.0) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]), np.random.default_rng(3)
+    centres = np.column_stack([np.cumsum(rng.uniform(-0.15, 0.15, (10, 2)), axis=0), np.arange(10) + 0.5])
+    lower = centres[:, None] - [0.0, 0.0, 0.5] + corners
+    points = [TouchPoint(k - 1, k, p, UP) for k in range(10) for p in lower[k]]
+    points += [TouchPoint(-1, 9, p + UP, -UP) for p in lower[9]]
+    inverse = 10.0 ** rng.uniform(-0.5 * decades, 0.5 * decades, (10, 1)) * [1.0, 1.0, 1.0, 6.0, 6.0, 6.0]
+    given = assembled("boxes", centres, inverse, 0.3 * rng.standard_normal((10, 6)), points, 0.5)
+    q = given.q.copy()
+    q[-12::3] -= closing
+    problem = coulomb.solvers.FrictionProblem.coulomb(_compliance(given.W), -q, given.mu)
+    return problem, ConeProblem(problem, problem.A.sparse(), Scales.of(problem)).W
+
+
+@pytest.mark.parametrize("decades", [0, 6])
+def test_a_ceiling_that_comes_nearer_is_a_contradiction(decades):
+    assert "no contact forces keep all contacts" in contradiction(*boxes_upon_each_other(decades, 1e-2))
+
+
+@pytest.mark.parametrize("decades", [6, 12])
+def test_masses_far_apart_are_no_contradiction(decades):
+    """q = H^T v: forces that balance each other on light boxes move the heavy ones little, but enough."""
+    assert contradiction(*boxes_upon_each_other(decades, 0.0)) == ""
+
+
 def test_work_is_limited_by_counts():
     problem = scattered(10, 60, 0.7, 2)
     with pytest.raises(NotConverged, match=r"\(max_iterations\), above .* 4 factorisations") as failure:
