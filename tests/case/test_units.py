@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from conftest import ROOT, run_coulomb
 
-from coulomb import RigidFace, Spring, units
+from coulomb import Equation, RigidFace, Spring, units
 from coulomb.case.case import Case, read_case
 from coulomb.fem.bodies.rigid_modes import RigidLoad, RigidPart
-from coulomb.pictures.report.problem import _material, ties_and_loads
+from coulomb.fem.bodies.supports import held_in_words
+from coulomb.pictures.report.problem import _material
 from coulomb.units import Units, plain, quantity, vector
 
 MM = [
@@ -71,6 +72,16 @@ def test_numbers_with_units():
     assert plain(quantity(0.024, "m")) == "0.024 in" and plain(quantity(1.2e4, "N")) == "12000 lbf"
 
 
+class _Said:
+    """A function of place as a case gives it."""
+
+    def __init__(self, said):
+        self.said = said
+
+    def __call__(self, x):
+        return x
+
+
 def test_words_about_loads_springs_and_the_report():
     """In N, mm and MPa: 20000 N mm are 20 N m, 7.8e-9 t/mm3 are 7800 kg/m3; numbers as given have the units given."""
     units.use("mm", "MPa")
@@ -82,9 +93,10 @@ def test_words_about_loads_springs_and_the_report():
     assert RigidFace("top", translation_stiffness=(1, 2, 3)).holds.startswith(
         "stiffness (1, 2, 3) N/mm and (0, 0, 0) N mm/rad"
     )
-    case = {"gravity": [0.0, 0.0, -9810.0], "body_force": ["x", 0.0, 0.0]}
-    said = {name: text.replace(units.NARROW, " ") for name, text in ties_and_loads(case)}
-    assert said == {"gravity": "(0, 0, −9810) mm/s²", "body force": "(x, 0, 0) N/mm³"}
+    far = Equation([((1049,), "x", 1.0), ([7], "y", -1.0)], stiffness=2.0)
+    assert far.eliminated == "nodes 1049" and Equation([(["a:1", "a:2"], "x", 1.0)]).eliminated == "nodes 'a:1', 'a:2'"
+    assert held_in_words("xyz", _Said("x-1"), 0.0) == "along x-1"
+    assert held_in_words("xyz", _Said("(1.0)*(x-(-5.0))+" * 9), 0.0) == "along a function of x"
     assert "7800 kg/m³" in _material({"young": 2.1e5, "poisson": 0.3, "density": 7.8e-9})
 
 

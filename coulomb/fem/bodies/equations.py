@@ -84,8 +84,10 @@ class Equation:
     def eliminated(self) -> str:
         """The nodes of the first term, in words."""
         nodes = self.terms[0][0]
-        if isinstance(nodes, str) or not isinstance(nodes, Sequence) or len(nodes) <= _LISTED:
+        if isinstance(nodes, str) or not isinstance(nodes, Sequence):
             return repr(nodes) if isinstance(nodes, str) else f"nodes {nodes}".replace("[", "").replace("]", "")
+        if len(nodes) <= _LISTED:
+            return f"nodes {list(nodes)}".replace("[", "").replace("]", "")
         return f"nodes {', '.join(map(str, nodes[: _LISTED - 1]))} and {len(nodes) - _LISTED + 1} more"
 
 

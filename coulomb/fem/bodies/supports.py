@@ -31,6 +31,9 @@ from ..geometry import (
 )
 from .lasting_supports import Lasting, LastingConstraint
 
+_MOST: Final = 100
+"""Letters of a function of place that is said as it was given."""
+
 
 def held_in_words(components: str, direction: Field | None, value: Field) -> str:
     """Held components or direction, and the prescribed displacement unless it is zero."""
@@ -53,9 +56,10 @@ def held_in_words(components: str, direction: Field | None, value: Field) -> str
 
 
 def _said(value: Field, unit: str = "") -> str:
-    """A function of place as it was given in a case, with the name of its unit; that of a user has no words."""
+    """A function of place as it was given in a case, with the name of its unit; that of a user has no words, and those
+    of a deck's cylinder are too many."""
     said = getattr(value, "said", None)
-    return "a function of x" if said is None else f"{said} {plain(used().name(unit))}".rstrip()
+    return "a function of x" if said is None or len(said) > _MOST else f"{said} {plain(used().name(unit))}".rstrip()
 
 
 def vector_in_words(vector: Sequence[float] | FloatArray) -> str:
