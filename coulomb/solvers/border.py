@@ -29,8 +29,8 @@ class Border:
     """The points on a border at forces x with w = A x - b; this rank's part.
 
     Attributes:
-        equations: The equations of contact,
-        at: with their derivative at the answer, in which each of the points is in one of its states.
+        equations: The equations of contact, with any d,
+        at: and their derivative at the answer, in which each of the points is in one of its states.
         closing: Points that close without a force, shape (m,).
         turning: That stick at their bound, shape (m,).
         directions: The directions e of friction there, shape (m, 2).

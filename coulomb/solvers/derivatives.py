@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, NamedTuple
 
@@ -194,10 +194,12 @@ class AnswerDerivatives(SemismoothIteration):
         return _Right(f, rhs, self._T @ change.e if len(self._e) else NO_MOTION)
 
     def _border(self, w: FloatArray) -> Border:
-        """The points whose state is not decided by the answer, as accurately as it is known; collective."""
-        scale = self._scale()
-        left = self._over.max(np.linalg.norm(self._at.value, axis=1) / scale)
-        return Border.found(self._equations, self._at, self._x, w, max(_DECIDED, _TIMES * left) * scale)
+        """The points whose state is not decided by the answer, as accurately as it is known; collective.
+
+        Gaps and slips are forces there by what the body next to a point gives way, beside which springs may be soft."""
+        scale, near = self._scale(), replace(self._equations, d_n=self._local, d_t=self._local)
+        left = self._over.max(np.linalg.norm(near.at(self._x, w).value, axis=1) / scale)
+        return Border.found(near, self._at, self._x, w, max(_DECIDED, _TIMES * left) * scale)
 
     def _along(
         self, border: Border, change: Change, of_bound: FloatArray, solved: _Solved

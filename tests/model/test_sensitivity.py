@@ -172,6 +172,31 @@ def test_on_soft_springs(softness):
     assert forward == pytest.approx(stiff + (stiff - stiffer) * (1.0 - softness / 1e-4), rel=1e-7)
 
 
+def test_on_soft_springs_points_are_on_a_border_by_what_the_body_gives_way():
+    """Of a corner 0.1 um apart, closer than the springs alone move by a part of 1e-9 of the forces: it is open, and
+    nodes change their states as on stiffer springs, which matter by their softness."""
+
+    def changes(softness):
+        def posed(gap):
+            return coulomb.ContactProblem(
+                coulomb.box((1.0, 1.0, 0.5), (3, 3, 1)),
+                coulomb.Material(2e11, 0.3),
+                [],
+                coulomb.Contact("bottom", 0.3, gap=lambda x: np.where((x[0] > 0.9) & (x[1] > 0.9), gap, 0.0)),
+                [coulomb.Pressure("top", 1e7), coulomb.Traction("right", (1e6, 1e6, 0.0))],
+                springs=[coulomb.Spring("top", 2e11 * softness)],
+            ).solve(tolerance=1e-10)
+
+        apart = posed(1e-3)
+        corner = np.argmax(apart.at_nodes.x @ [1.0, 1.0, 0.0])
+        answer = posed(apart.at_nodes.displacement[corner, 0] + 1e-7)
+        found = answer.sensitivities()
+        assert answer.at_nodes.status[corner] == 0 and all(one.border == 0 for one in found)
+        return [one.step for one in found if "spring" not in one.name]
+
+    assert changes(1e-8) == pytest.approx(changes(1e-4), rel=0.02)
+
+
 def test_with_the_compliance_as_a_matrix_they_are_the_same(monkeypatch):
     """Of a body that contact alone holds, with A as a matrix and with its low-rank approximation."""
     answer, found = free().solve(tolerance=1e-12), []
