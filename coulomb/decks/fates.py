@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -91,6 +92,33 @@ _NOT_READ: Final = {
 }
 """Parameters that change what a card says, by its kind."""
 
+_PARAMETERS: Final = frozenset(
+    """
+    ADD ADIABATIC ADJUST ALLELEMENTBASED ALLEXTERIOR ALLSDTOL ALPHA AMPLITUDE ANALYTICALSURFACE ANISOTROPIC ARRUDA-BOYCE
+    AUGMENTEDLAGRANGE BEGIN BETA BINC BSTEP CETOL CHECK CHECKSYMMETRY COMBINE COMPLEX COMPLEXSTIFFNESS COMPOSITE
+    COMPRESSION CONSTANTRESULTANT CONSTRAINTNAME CONSTRAINTRATIO CONTINUE CONTROLS CONVERTSDI COUPLING CPSET CREEP CROP
+    CYCLICMODE CYCLICSYMMETRY DATASET DEFINITION DELTMX DENSITY DEPENDENCIES DEPVAR DIRECT DRIVINGELSETS EINC
+    ELASTICSLIP ELEMENT ELSET END ESTEP EXPLICIT EXPONENTIALDECAY EXTENSIONZONE EXTRAPOLATION FACTOR FILE FILLETRADIUS
+    FILMAMPLITUDE FIXED FIXEDINTERVAL FLUIDPERIODIC FOLLOWER FREQUENCY GENERATE GEOMETRICCORRECTION GLOBALELSET HCRIT
+    IMAGINARY INC INCF INFLUENCERADIUS INPUT INSTANCE INTERACTION INTERNAL INTERPOLATE ISOTHERMAL LAGRANGE LIBRARY
+    LOADCASE LOCALDIRECTIONS LONGTERM MARLOW MASSFLOW MASTER MATERIAL MAXRATIO MECHANICALCONSTRAINT MIDSIDE
+    MINIMUMDISTANCE MODE MODULI MOONEY-RIVLIN MOONEYRIVLIN MULTISTAGE N NAME NEOHOOKE NEO-HOOKE NGRAPH NLGEOM
+    NODALTHICKNESS NODE NONLINEAR NOOFFSET NOROTATION NOSEPARATION NOSTOP NOTHICK NOTHICKNESS NSET OFFSET OGDEN OMEGA0
+    OP ORDER ORIENTATION PADTHICKNESS PART PENALTY PERTURBATION PINNSET POISSON POLYNOMIAL PORTED POSITION
+    POSITIONTOLERANCE PRESSURE PRESSURE-OVERCLOSURE PROPERTIES PROPERTY REAL REDUCEDPOLYNOMIAL REFNODE REGIONTYPE REMOVE
+    RESET RIKS ROTNODE ROUGH RTOL SCALEFACTOR SCALETHICK SECTION SECTOR SHEARTRACTIONSLOPE SHIFTX SHIFTY SLAVE
+    SLIDINGTRANSITION SLIPTOLERANCE SMALLSLIDING SMOOTH SOLIDELEMENTNUMBERING SOLVER SRATEFACTOR STABILIZE
+    STACKDIRECTION STEADYSTATE STEP SUBMODEL SUPPLEMENTARYCONSTRAINTS SURFACE SYMMETRIC SYSTEM TAUMAX TESTDATA
+    TESTDATAINPUT THERMALPERIODIC THICKNESS TIE TIED TIEDNSET TIENSET TIME TIMEDELAY TIMERESET TOTALTIMEATSTART TRACKING
+    TRACKINGTHICKNESS TRIM TYPE UNSORTED UNSYMM USER VALUE VANDERWAALS VARIABLE VARIABLES WEIGHT WEIGHTINGMETHOD YEOH
+    ZERO
+    """.split()
+)
+"""Of all kinds of cards that are read, by the manuals of CalculiX and Abaqus, without blanks."""
+
+_ALIKE: Final = 0.85
+"""Likeness of a parameter that there is not and one that there is, from which that is meant (difflib's ratio)."""
+
 _GENERALISED: Final = (
     "their front may turn, as that of no slice does; where it does not, write CPE, and a case with "
     'slice = "generalised plane strain" in [mesh] and this file'
@@ -131,6 +159,8 @@ def fates(
         row.count += 1
         if (fate == REFUSED and row.fate != REFUSED) or (fate == USED and row.fate == NOT_NEEDED):
             row.fate, row.why = fate, why
+        elif fate == row.fate and not row.why:
+            row.why = why
     return list(rows.values())
 
 
@@ -189,5 +219,9 @@ def _fate(
         if parameter in card.parameters and value in ("", card.key(parameter)):
             return REFUSED, f"{where}: with {parameter} it says what is not read"
     if kind in _HANDLED or kind == "MODELCHANGE":
-        return USED, ""
+        unknown = [name for name in card.parameters if name not in _PARAMETERS]
+        for name in unknown:
+            for meant in difflib.get_close_matches(name, _PARAMETERS, 1, _ALIKE):
+                return REFUSED, f"{where}: there is no parameter {name}; did you mean {meant}?"
+        return USED, f"{where}: not read: {', '.join(unknown)}" if unknown else ""
     return REFUSED, f"{where}: coulomb has nothing like it"

@@ -213,3 +213,15 @@ def test_frames_of_a_part_turn_with_its_instances(tmp_path):
     assert np.allclose(held, [0.0, 1.0, 0.0], atol=1e-15)
     axes = [card.vector(0, 6) for card in Geometry(str(tmp_path / "deck.inp")).others if "SYSTEM" in card.parameters]
     assert np.allclose(axes, [[1, 0, 0, 1, 0, 5], [0, 3, 1, 0, 3, 6]], atol=1e-14)
+
+
+def test_parameters_that_there_are_not(tmp_path):
+    """They were left out without a word, with the amplitude that one meant: one like a parameter is refused, and the
+    table of the cards names others."""
+    load = STEP.format("*CLOAD\ntop, 3, -1.\n*CLOAD, {}=a\ntop, 3, -1.")
+    curve = CUBES + "*AMPLITUDE, NAME=a\n0., 0., 1., 2.\n"
+    (refused,) = tables_of(tmp_path, curve + load.format("AMPLITDE")).refused
+    assert refused.why.endswith("there is no parameter AMPLITDE; did you mean AMPLITUDE?")
+    (row,) = (one for one in tables_of(tmp_path, curve + load.format("AMP")).cards if one.keyword == "CLOAD")
+    line = 1 + curve.count("\n") + load.partition("{}")[0].count("\n")
+    assert (row.fate, row.count, row.why) == ("used", 2, f"deck.inp, line {line}: not read: AMP")
