@@ -178,10 +178,6 @@ class DiscreteProblem:
         not known; collective."""
         return Stability(0, 0, np.zeros_like(self.elasticity.x))
 
-    def turn_of_guides(self) -> float:
-        """Of large motions the largest angle of `NonlinearBody.turn_of_guides` of all bodies, degrees; collective."""
-        return 0.0
-
     def slip_bound(self, x: FloatArray) -> FloatArray:
         """Bound of the friction force of every node at the forces x (3 m,), newtons, shape (m,)."""
         return self.law.radius(x[0::3])

@@ -171,9 +171,6 @@ class Linearised(DiscreteProblem):
         none = np.zeros((len(self.elasticity.x), 3, 3))
         return springs_at(self.surface.points, stiffness, forces, none if at_nodes is None else at_nodes)
 
-    def turn_of_guides(self) -> float:
-        return max(nonlinear(one.body).turn_of_guides() for one in self.elasticity.members)
-
     def stability(self, x: FloatArray) -> Stability | None:
         """By the inertia of the tangent at this place; None if there are too many unknowns."""
         return stability(self.turning(self.bent(x), x), self.surface.free_B, x, self.law.frictional)

@@ -9,9 +9,10 @@ from typing import Final
 import numpy as np
 from mpi4py import MPI
 
-from ..arrays import FloatArray, Int32Array, in_words
+from ..arrays import FloatArray, Int32Array, in_words, unit_vectors
 from ..fem.bodies import Deformable, JoinedBodies, component_modes, free_motions
-from ..fem.contact import Ways, facet_patch, into_foundation, through_each_other, two_sides
+from ..fem.contact import Ways, facet_patch, inside_of, into_foundation, through_each_other, two_sides
+from ..fem.geometry import RigidFoundation
 from ..fem.meshes import SEPARATOR
 from ..linalg.reductions import Reductions
 from ..units import amount
@@ -23,6 +24,10 @@ from .provenance import now, timed
 
 _ARM: Final = 1e-3
 """Largest distance of tied faces over the root of a node's area; chords of a ring of facets of 4 degrees leave 2e-4."""
+
+_SAME_WAY: Final = 0.5
+"""Cosine of the angle between the outward normals of a face and of its foundation at a node above which this is behind
+the face: edges of a face may press aside, and a little backwards."""
 
 _LINE: Final = 1e-6
 """Ratio of the second moments of nodes across and along a line below which they are on it."""
@@ -102,9 +107,15 @@ class LoadSteps:
     def passage(self, begin: Iterate, end: Iterate, before: FloatArray, x: FloatArray) -> str:
         """What passes through what it may touch in a step between two iterates, in words; "" if nothing does.  Contacts
         are looked at that press neither `before`, by the forces at the points of states (m, 3), nor after, by x (3 m,);
-        collective."""
+        and a foundation that presses before or after may not end behind its face; collective."""
         over, comm = Reductions(self.elasticity.comm), self.elasticity.comm
         for number, (contact, foundation) in enumerate(zip(self.contacts, begin.foundations, strict=True)):
+            behind = [] if foundation is None else self._behind(number, foundation, begin, end, before, x)
+            if behind:
+                return (
+                    f"the foundation of {contact.face!r} gets behind it in the step, at x = ({in_words(behind[0])}) m: "
+                    "it is small beside the step, or beside the facets"
+                )
             then, now = before[self.points.part == number], x.reshape(-1, 3)[end.problem.surface.part == number]
             if not over.all(not np.any(then) and not np.any(now)):
                 continue
@@ -128,6 +139,33 @@ class LoadSteps:
                     "inside between its start and its end, at which nothing touches"
                 )
         return ""
+
+    def _behind(
+        self,
+        number: int,
+        foundation: RigidFoundation,
+        begin: Iterate,
+        end: Iterate,
+        before: FloatArray,
+        x: FloatArray,
+    ) -> list[tuple[float, ...]]:
+        """Where nodes of a contact press on the far side of its foundation after a step, or have pressed on the near
+        one, which is inside the body now; arguments as of `passage`; metres, of all ranks; collective."""
+        surface, (normals, outward) = end.problem.surface, np.zeros((2, *end.body.x.shape))
+        member, facets = end.body.face(self.contacts[number].face, "contact")
+        outward[member.nodes] = unit_vectors(member.body.positive_weights(facets)[1])
+        pressing, pressed = np.zeros((2, len(outward)), dtype=bool)
+        pressing[surface.nodes[(surface.part == number) & (x[0::3] > 0.0)]] = True
+        pressed[self.points.nodes[(self.points.part == number) & np.any(before != 0.0, axis=1)]] = True
+        nodes = np.flatnonzero(pressing | pressed)
+        motions = [one.problem.state.foundation_motions[number] for one in (begin, end)]
+        then, now = (of.undone(one.body.x[nodes]) for of, one in zip(motions, (begin, end), strict=True))
+        if len(nodes):
+            normals[nodes] = motions[1].turned(foundation.normal(now))
+        far = np.einsum("ki,ki->k", normals, outward)[nodes] > _SAME_WAY
+        inside = inside_of(motions[1].done(then[far & ~pressing[nodes]]), member)
+        found = [*end.body.x[nodes[far & pressing[nodes]]].tolist(), *inside.tolist()]
+        return sorted(tuple(place) for places in self.elasticity.comm.allgather(found) for place in places)
 
     def damps(self) -> bool:
         """Whether a failed step is worth another attempt with damping, which is set: not if it was damped already, or

@@ -286,7 +286,8 @@ class Solution:
         cells = np.sqrt(at.area) if layer is None else layer.cell_sizes(at.x, at.area, members[0][0].body.degree)
         scales = face_scales(e, over)
         measured = small_strain(at, cells, foundations, scales, gradient, faces, inside, large, of_pairs)
-        measured = replace(measured, turn=max(measured.turn, problem.turn_of_guides()))
+        guides = max(one.body.turn_of_guides() for one in body.members)
+        measured = replace(measured, turn=max(measured.turn, guides))
         found = self.stability
         return measured if found is None else replace(measured, unstable=found.unstable, by_friction=found.by_friction)
 

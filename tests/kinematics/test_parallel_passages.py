@@ -7,12 +7,14 @@ from coulomb import (
     Clamp,
     Contact,
     ContactProblem,
+    Cylinder,
     LoadHistory,
     NeoHookean,
     PrescribedDisplacement,
     RigidFace,
     Sphere,
     StepFailed,
+    SymmetryPlane,
     box,
     join,
     moved,
@@ -55,6 +57,33 @@ def test_what_would_pass_through_a_body_in_one_step_is_no_answer(problem, names)
 def test_half_of_the_step_meets_the_block():
     first, last = (step.solution for step in LoadHistory([1.0], halvings=1).steps(over_a_block((0.4, 0.0, 0.0))))
     assert first.forces["force"][2] < 0.0 and first.time == 0.5 and last.forces["normal_force"] == 0.0
+
+
+def wire_on_a_block(cells, times, **history):
+    """A wire of radius 2 mm, thinner than the facets, is pressed into a block by 10 mm in 1 s."""
+    wire = Contact("top", 0.3, foundation=Cylinder((0.05, 0.0, 0.052), (0.0, 1.0, 0.0), 0.002), motion=DOWN)
+    block = box((0.1, 0.02, 0.05), (cells, 1, cells // 2))
+    supports = [Clamp("bottom"), SymmetryPlane("front"), SymmetryPlane("back")]
+    problem = ContactProblem(block, NeoHookean(1e6, 0.45), supports, wire, kinematics="large")
+    return LoadHistory(times, **history).steps(problem)
+
+
+DOWN = [(0.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, -0.01)]
+
+
+@pytest.mark.parametrize("times", [[0.25], [0.1, 0.5]], ids=["pressing", "free"])
+def test_a_wire_that_gets_behind_the_face_it_is_pressed_on_is_no_answer(times):
+    """From the first touch on, and from a side on which it presses: its upper side lifted the node, or nothing."""
+    with pytest.raises(
+        StepFailed, match=r"to 0\.\d+ s failed: the foundation of 'top' gets behind it .* x = \(0.05, 0"
+    ):
+        list(wire_on_a_block(16, times, halvings=0))
+
+
+def test_in_steps_that_are_halved_a_wire_presses_as_far_as_it_is_moved():
+    force = {step.state.time: -step.solution.forces["force"][2] for step in wire_on_a_block(16, [0.125, 0.25, 0.5])}
+    assert force[0.25] / force[0.125] == pytest.approx(2.0, rel=0.01)
+    assert force[0.5] / force[0.125] == pytest.approx(4.0, rel=0.02)
 
 
 @pytest.mark.parametrize("motion", [(0.0, 0.0, 0.3), (0.4, 0.0, 0.06)], ids=["up", "above"])

@@ -257,6 +257,11 @@ class SingleBody(DisplacementSpace, Deformable):
         """
         raise ValueError(f"derivatives along places are not known of a {type(self).__name__}")
 
+    def turn_of_guides(self) -> float:
+        """In large motions the largest angle in degrees by which the directions of supports that are curved guides,
+        with normals or a direction by place, turn from nodes before deformation to where these are now; collective."""
+        return 0.0
+
     def strain_energy(self, u: FloatArray) -> float | None:
         """Of the displacement u (k, 3) from u = 0, in joules, without that of springs; None if it is not known;
         collective."""

@@ -202,11 +202,6 @@ class NonlinearBody(FormBody):
     def undeformed(self) -> NonlinearBody:
         return self._without_place or self
 
-    def turn_of_guides(self) -> float:
-        """Largest angle in degrees by which the directions of supports that are curved guides, with normals or a
-        direction by place, turn from nodes before deformation to where these are now; collective."""
-        return 0.0
-
     @property
     def _products(self) -> list[CellProducts]:
         """What the tangent has besides its form, at the displacement of the last forces."""

@@ -41,7 +41,7 @@ from .pair import (
     within,
 )
 from .pair_evidence import Claims, Deviations, PairSamples, Surfaces
-from .passages import Ways, into_foundation, through_each_other
+from .passages import Ways, inside_of, into_foundation, through_each_other
 from .sections import Pretension
 from .sectors import refuse_uneven_sectors, refuse_uneven_supports
 from .self_contact import two_sides

@@ -106,18 +106,25 @@ def through_each_other(faces: Sequence[tuple[FacetPatch, ...]], comm: MPI.Comm) 
     return np.concatenate(found)
 
 
+def inside_of(places: FloatArray, of: Member, least: float = -_WITHIN) -> FloatArray:
+    """Those of the places (p, 3) of all ranks that are in this rank's cells of a body, where these are now, metres,
+    with barycentric coordinates above the least; collective."""
+    body = of.body
+    places = np.concatenate(body.comm.allgather(places))[:, None]
+    nodes = body.points_of_cells(np.arange(body.domain.topology.index_map(3).size_local, dtype=np.int32))
+    place, cell = in_boxes(boxes_of(places), boxes_of(nodes))
+    tetrahedra = tetrahedra_of(body.domain.topology.cell_type, body.degree)
+    found, _, weights, _ = in_tetrahedra(places[place], nodes[cell], tetrahedra)
+    inside: FloatArray = places[place[found[weights.min(axis=1, initial=1.0) > least]], 0]
+    return inside
+
+
 def refuse_inside(face: str, of: Member, facets: Int32Array, against: str, other: Member) -> None:
     """ValueError on every rank if parts of a face are inside the body of the face against it, though neither is before
     the other: as deep as that nothing says out of which side; collective."""
-    comm, patch, own = other.body.comm, facet_patch(of.body, facets), other.body.domain.topology.index_map(3).size_local
+    patch, comm = facet_patch(of.body, facets), other.body.comm
     part = np.array([0.37, 0.29, 0.23, 0.11])[: patch.kind.corners]  # a place that is on no diagonal of a grid
-    places = np.einsum("n,fni->fi", part / part.sum(), patch.x[:, : len(part)])[:, None]
-    places = np.concatenate(comm.allgather(places))
-    nodes = other.body.points_of_cells(np.arange(own, dtype=np.int32))
-    tetrahedra = tetrahedra_of(other.body.domain.topology.cell_type, other.body.degree)
-    place, cell = in_boxes(boxes_of(places), boxes_of(nodes))
-    found, _, weights, _ = in_tetrahedra(places[place], nodes[cell], tetrahedra)
-    inside = places[place[found[weights.min(axis=1, initial=1.0) > _WITHIN]], 0]
+    inside = inside_of(np.einsum("n,fni->fi", part / part.sum(), patch.x[:, : len(part)]), other, _WITHIN)
     every = [tuple(map(float, x)) for ranks in comm.allgather(inside) for x in ranks]
     if every:
         raise ValueError(

@@ -353,6 +353,10 @@ class RigidMotion:
             return x - self.translation
         return self.turned_back(x - self.centre) + self.turn.point
 
+    def done(self, x: FloatArray) -> FloatArray:
+        """Where points x (k, 3) in metres in the coordinates in which the foundation is given are now, (k, 3)."""
+        return self.centre + self.turned(x if self.turn is None else x - self.turn.point)
+
     def turned(self, vectors: FloatArray) -> FloatArray:
         """Vectors (k, 3) fixed to the foundation, rotated with it."""
         return vectors if self.turn is None else vectors @ self.turn.matrix.T
