@@ -247,8 +247,7 @@ class NonlinearBody(FormBody):
     def not_held(self) -> FreeMotions:
         """The rigid motions that conditions allow, at the undeformed place; collective."""
         modes, parts = component_modes(self.x, self.component, self.comm)
-        names = names_of_components(parts)
-        return free_motions(self.x, self.component, names, self.held.held_part(modes), self.comm)
+        return free_motions(self.x, self.component, names_of_components(parts), self.held.held_part(modes), self.comm)
 
     @property
     def held_everywhere(self) -> bool:
@@ -295,8 +294,7 @@ class NonlinearBody(FormBody):
         self._evaluate_at(u)
         own = np.arange(self.domain.topology.index_map(3).size_local, dtype=np.int32)
         values = in_cells(self._volume_ratio, self.domain, own)
-        least = self.comm.allgather(float(np.min(values, initial=np.inf)))
-        return float(np.min(least))  # nan if one is
+        return float(np.min(self.comm.allgather(np.min(values, initial=np.inf))))  # nan if one is
 
     @cached_property
     def _volume_ratio(self) -> Any:
