@@ -25,6 +25,7 @@ from ..regular_file import read_bytes
 _INCLUDES: Final = 10  # nested *INCLUDE
 _KEYWORD = re.compile(r"^[ \t]*\*(?!\*)[^\n]*", re.MULTILINE)
 _INCLUDE = re.compile(r"\*\s*INCLUDE\b", re.IGNORECASE)
+_INPUT = re.compile(r"INPUT\s*=\s*([^,]*[^,\s])", re.IGNORECASE)
 _WITHOUT_E = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))([+-]\d+)")
 _FLAGS = {"GENERATE", "INTERNAL", "UNSORTED", "SMALLSLIDING", "NLGEOM", "PERTURBATION", "DELETE", "DIRECT", "FIXED"}
 
@@ -294,7 +295,10 @@ def _pieces(path: str, depth: int = 0) -> Iterator[tuple[str, int, str, bool]]:
         number += text.count("\n", begin, found.start())
         line, begin = found[0].strip(), found.end()
         if _INCLUDE.match(line):
-            file = Path(path).parent / line.partition("=")[2].strip().strip('"')
+            named = _INPUT.search(line)
+            if named is None:
+                raise ValueError(f"{path}: line {number}: *INCLUDE: needs INPUT=FILE on the same line")
+            file = Path(path).parent / named[1].strip(" \t\"'")
             if not file.exists():
                 raise ValueError(f"{path}: line {number}: *INCLUDE: there is no file {str(file)!r}")
             yield from _pieces(str(file), depth + 1)

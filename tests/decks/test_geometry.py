@@ -286,3 +286,7 @@ def test_cards_as_users_write_them(tmp_path):
     assert cards[0].integers().tolist() == [1, 2, 3, 4, 5]
     with pytest.raises(ValueError, match=r"more.txt: line 3: \*nset : wrong".replace("nset ", "NSET")):
         raise cards[0].fault("wrong", 2)
+    for line in ("*INCLUDE, input = 'more.txt'", '*include,INPUT="more.txt", PASSWORD=a'):
+        assert read_cards(written(tmp_path, f"*NSET, NSET=a\n{line}\n"))[0].integers().tolist() == [3, 4, 5]
+    with pytest.raises(ValueError, match=r"line 2: \*INCLUDE: needs INPUT=FILE on the same line"):
+        read_cards(written(tmp_path, "*NSET, NSET=a\n*INCLUDE,\nINPUT=more.txt\n"))
