@@ -145,8 +145,6 @@ def tied(friction=1.0, turned=1.0, lower=1.0, upper=1.0):
 
 
 TURNING = [(partial(in_a_jaw, cells=(1, 1, 1)), [1.0], OF_JAW), (strut, [1.0], OF_STRUT)]
-if OVER.comm.size > 1:
-    TURNING = []  # half a minute each
 
 
 @pytest.mark.parametrize(
