@@ -214,7 +214,11 @@ def strut(lock=None, friction=1.0, pressed=1.0, lower=1.0, upper=1.0, pushed=1.0
     else:
         jack = coulomb.Pretension("upper:bottom", "lower:top", force=-3e4 * pressed, amplitude=RISING, lock=lock)
     foot = coulomb.RigidFace(
-        *("lower:bottom", (0.2, 0.3, 0.0), (0.0, 0.0, 0.0), (None, None, 0.1 * turned), RISING),
+        "lower:bottom",
+        (0.2, 0.3, 0.0),
+        (0.0, 0.0, 0.0),
+        (None, None, 0.1 * turned),
+        RISING,
         rotation_stiffness=(1e5 * sprung, 2e5 * sprung, 0.0),
     )
     above = coulomb.moved(coulomb.box((0.5, 0.5, 0.6), (2, 1, 1)), (0.0, 0.0, 0.4))

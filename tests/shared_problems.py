@@ -30,7 +30,9 @@ CORK = Material(1e7, 0.0)
 RUBBER = Material(1e7, 0.3)
 PLATE = Material(7e10, 0.33, expansion=2.3e-5)
 WOUND = OrthotropicMaterial(
-    *((1.3e11, 1.1e10, 9e9), (0.28, 0.3, 0.4), (5e9, 4.5e9, 3.5e9)),
+    (1.3e11, 1.1e10, 9e9),
+    (0.28, 0.3, 0.4),
+    (5e9, 4.5e9, 3.5e9),
     directions=(lambda x: np.array([-x[1] - 1.0, x[0], 0.2 + 0.0 * x[0]]), (0.0, 0.0, 1.0)),
     expansion=(-1e-6, 3e-5, 2e-5),
 )

@@ -66,7 +66,7 @@ def test_messages_load_no_numerical_libraries(tmp_path, words, code, said):
 
 def test_a_run_draws_in_another_process(tmp_path):
     done, packages = command(
-        *("run", str(ROOT / "demos" / "block.toml"), "--set", "mesh.cells=[3,1,1]", "--output", str(tmp_path))
+        "run", str(ROOT / "demos" / "block.toml"), "--set", "mesh.cells=[3,1,1]", "--output", str(tmp_path)
     )
     assert done.returncode == 0 and (tmp_path / "picture.png").exists()
     assert "dolfinx" in packages and not packages & (PICTURES | UNUSED)

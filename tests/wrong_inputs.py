@@ -81,7 +81,9 @@ SUPPORTS = (
     Wrong(
         "a temperature at nodes of no number in a mesh file",
         run(
-            *("material.expansion=1.2e-5", "temperature.reference=20.0", "temperature.value=20.0"),
+            "material.expansion=1.2e-5",
+            "temperature.reference=20.0",
+            "temperature.value=20.0",
             "temperature.at=[{nodes=[123456], value=80.0}]",
         ),
         part(),

@@ -93,7 +93,7 @@ def solved(model: Any, on_faces: Mapping[str, Sequence[float]]) -> tuple[int, bo
     for face, traction in on_faces.items():
         model.set_variable(face, [value / YOUNG for value in traction])
     steps, converged = model.solve(
-        *("max_res", TOLERANCE, "max_iter", MOST_STEPS, "lsolver", "mumps", "lsearch", "simplest")
+        "max_res", TOLERANCE, "max_iter", MOST_STEPS, "lsolver", "mumps", "lsearch", "simplest"
     )
     return int(steps), bool(converged)
 
@@ -128,6 +128,6 @@ def _add_contact(gf: Any, model: Any, space: Any, augmentation: float, increment
         model.add_initialized_data("before", np.zeros(space.nbdof()))
         since = ("gamma", "before")
     model.add_basic_contact_brick(
-        *("u", "normal", "tangential", "r", normal, tangential, "friction", "gap", "alpha", 1, *since)
+        "u", "normal", "tangential", "r", normal, tangential, "friction", "gap", "alpha", 1, *since
     )
     return nodes[:, contact].T

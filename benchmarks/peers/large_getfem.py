@@ -56,7 +56,7 @@ class LargeSliding:
         for name, value in (("r", augmentation), ("friction", friction), ("alpha", 1.0)):
             self.model.add_initialized_data(name, value)
         self.brick = self.model.add_integral_large_sliding_contact_brick_raytracing(
-            *("r", release, "friction", "alpha", 0)
+            "r", release, "friction", "alpha", 0
         )
         self._kept: list[Any] = []
         self._held: dict[str, tuple[int, npt.NDArray[np.int64]]] = {}
@@ -113,11 +113,11 @@ class LargeSliding:
             # friction across, where nothing moves, is not determined: a spring of it, almost without effect
             model.add_linear_term(quadrature, f"-1e-3*{force}(2)*Test_{force}(2)", CONTACT)
             model.add_slave_contact_boundary_to_large_sliding_contact_brick(
-                *(self.brick, quadrature, CONTACT, u, force, f"before{name}")
+                self.brick, quadrature, CONTACT, u, force, f"before{name}"
             )
         else:
             model.add_master_contact_boundary_to_large_sliding_contact_brick(
-                *(self.brick, quadrature, CONTACT, u, f"before{name}")
+                self.brick, quadrature, CONTACT, u, f"before{name}"
             )
 
     def add_obstacle(self, distance: str) -> None:
@@ -156,7 +156,7 @@ class LargeSliding:
                     model.set_variable(f"before{one}", kept[f"u{one}"])
                 model.set_private_rhs(condition, np.array(way(end))[dofs % 3])
                 newton, converged = model.solve(
-                    *("max_res", TOLERANCE, "max_iter", MOST_STEPS, "lsolver", "mumps", "lsearch", "simplest")
+                    "max_res", TOLERANCE, "max_iter", MOST_STEPS, "lsolver", "mumps", "lsearch", "simplest"
                 )
                 iterations += int(newton)
                 if not converged:

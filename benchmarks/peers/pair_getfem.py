@@ -64,10 +64,10 @@ def _solve(p: int, augmentation: float) -> Answer:
     model.add_initialized_data("r", augmentation * UPPER.finer * p)
     model.add_initialized_data("friction", FRICTION)
     model.add_integral_contact_between_nonmatching_meshes_brick(
-        *(points, "upper", "lower", "stress", "r", "friction", FACES["bottom"], FACES["top"], ALART_CURNIER)
+        points, "upper", "lower", "stress", "r", "friction", FACES["bottom"], FACES["top"], ALART_CURNIER
     )
     steps, converged = model.solve(
-        *("max_res", TOLERANCE, "max_iter", MOST_STEPS, "lsolver", "mumps", "lsearch", "simplest")
+        "max_res", TOLERANCE, "max_iter", MOST_STEPS, "lsolver", "mumps", "lsearch", "simplest"
     )
     u = {name: np.empty_like(grids[name].points) for name in BLOCKS}
     for name, field in u.items():

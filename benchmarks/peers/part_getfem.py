@@ -103,7 +103,7 @@ def solve(path: str, augmentation: float) -> tuple[IntArray, FloatArray, FloatAr
         model.add_integral_contact_between_nonmatching_meshes_brick(spaces[slave][2], *names, *faces, ALART_CURNIER)
         kept.append(stress)
     steps, converged = model.solve(
-        *("max_res", TOLERANCE, "max_iter", MOST_STEPS, "lsolver", "mumps", "lsearch", "simplest")
+        "max_res", TOLERANCE, "max_iter", MOST_STEPS, "lsolver", "mumps", "lsearch", "simplest"
     )
     if not converged:
         raise Unsolved(f"not converged in {steps} steps")

@@ -160,7 +160,7 @@ class ThermalContactTable(Table):
 
     def thermal(self) -> coulomb.ThermalContact:
         return coulomb.ThermalContact(
-            *(self.conductance, self.factor, self.hardness, self.exponent, self.temperature, self.share)
+            self.conductance, self.factor, self.hardness, self.exponent, self.temperature, self.share
         )
 
 

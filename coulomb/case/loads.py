@@ -100,8 +100,12 @@ class PrescribedDisplacementTable(PlacedTable, LastingTable):
 
     def support(self) -> coulomb.PrescribedDisplacement:
         return coulomb.PrescribedDisplacement(
-            *(self.face, field(self.value), self.components, amplitude_of(self.amplitude)),
-            *(None if self.direction is None else field(self.direction), surface_of(self.surface)),
+            self.face,
+            field(self.value),
+            self.components,
+            amplitude_of(self.amplitude),
+            None if self.direction is None else field(self.direction),
+            surface_of(self.surface),
             **self.lasting,
         )
 
@@ -116,7 +120,10 @@ class ClampTable(PrescribedDisplacementTable):
             return super().support()
         direction = None if self.direction is None else field(self.direction)
         return coulomb.Clamp(
-            *(self.face, self.components, direction, surface_of(self.surface)),
+            self.face,
+            self.components,
+            direction,
+            surface_of(self.surface),
             **self.lasting,
         )
 

@@ -126,7 +126,7 @@ class MaterialTable(Table):
             given = self.directions
             directions = COORDINATE_AXES if given is None else (field(given[0]), field(given[1]))
             return coulomb.OrthotropicMaterial(
-                *(self.young, self.poisson, self.shear, directions, self.density, self.expansion, self.conductivity)
+                self.young, self.poisson, self.shear, directions, self.density, self.expansion, self.conductivity
             )
 
         expansion = self.expansion

@@ -77,8 +77,14 @@ class PretensionTable(FacePairTable):
 
     def tie(self) -> coulomb.Tied:
         return coulomb.Pretension(
-            *(self.face, self.against, self.slave, self.force, self.shortening, self.direction),
-            *(amplitude_of(self.amplitude), self.lock),
+            self.face,
+            self.against,
+            self.slave,
+            self.force,
+            self.shortening,
+            self.direction,
+            amplitude_of(self.amplitude),
+            self.lock,
         )
 
 
@@ -135,8 +141,13 @@ class RigidFaceTable(Table):
     def rigid_face(self) -> coulomb.RigidFace:
         own = [getattr(self, f"{of}_{axis}_amplitude") for of in ("translation", "rotation") for axis in "xyz"]
         return coulomb.RigidFace(
-            *(self.face, self.point, self.translation.components, self.rotation.components),
+            self.face,
+            self.point,
+            self.translation.components,
+            self.rotation.components,
             amplitude_of(self.amplitude),
             [None if one is None else amplitude_of(one) for one in own],
-            *(self.translation_stiffness, self.rotation_stiffness, self.along),
+            self.translation_stiffness,
+            self.rotation_stiffness,
+            self.along,
         )

@@ -448,7 +448,7 @@ class ContactBody:
         spins, origin = self._spins_and_origin(motions, surface, time, before)
         loaded = self._faces.loaded(elasticity, motions, time, poses)
         return ContactState(
-            *(elasticity, loading, motions, spins, surface, law, slip_rate, origin, accumulated, force), loaded=loaded
+            elasticity, loading, motions, spins, surface, law, slip_rate, origin, accumulated, force, loaded=loaded
         )
 
     def posed(self, state: ContactState, poses: FloatArray | None, before: State | None) -> ContactState:

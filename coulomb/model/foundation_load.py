@@ -217,7 +217,11 @@ def motions_of(loaded: Sequence[LoadedFoundation], at_nodes: NodalAnswer) -> tup
     on = on_foundations(at_nodes) if loaded else {}
     return tuple(
         RigidFaceMotion(
-            *(one.name, one.point, one.pose[:3], one.pose[3:], on[one.number].force),
+            one.name,
+            one.point,
+            one.pose[:3],
+            one.pose[3:],
+            on[one.number].force,
             on[one.number].moment - np.cross(one.point, on[one.number].force),
         )
         for one in loaded

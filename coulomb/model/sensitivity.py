@@ -212,8 +212,14 @@ class _Answer:
             along_frames = derived.x if of.terms is None else derived.x + of.terms.components.ravel()
             here, there = (
                 Sensitivity(
-                    *(name, along_frames, derived.u, of_contacts, of_others | flowing),
-                    *(step, self.at.condition, at.owed.border),
+                    name,
+                    along_frames,
+                    derived.u,
+                    of_contacts,
+                    of_others | flowing,
+                    step,
+                    self.at.condition,
+                    at.owed.border,
                     poses=derived.poses,
                 )
                 for of_contacts, of_others in zip(totals, others, strict=True)

@@ -153,8 +153,16 @@ def answer_of(posed: DiscreteProblem, result: SolverResult, criterion: StoppingC
         certificate = replace(certificate, checks=(*certificate.checks, UNBALANCED))
     methods = {"solver": result.method, **posed.linear.methods}
     return Solution(
-        *(posed, x, judged.displacement, g, result, certificate, evidence),
-        *(posed.compliances, posed.mean_compliance, methods),
+        posed,
+        x,
+        judged.displacement,
+        g,
+        result,
+        certificate,
+        evidence,
+        posed.compliances,
+        posed.mean_compliance,
+        methods,
     )
 
 

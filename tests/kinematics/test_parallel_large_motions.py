@@ -104,7 +104,9 @@ def test_tied_halves_turn_without_stress():
     def tied(b):
         return coulomb.ContactProblem(
             coulomb.join(a=coulomb.box((1.0, 0.5, 0.5), (2, 1, 1)), b=b),
-            *(NeoHookean(1e6, 0.3), [turn], coulomb.Contact("b:bottom", friction=0.3, foundation=plane)),
+            NeoHookean(1e6, 0.3),
+            [turn],
+            coulomb.Contact("b:bottom", friction=0.3, foundation=plane),
             ties=[coulomb.Tied("b:left", "a:right")],
             kinematics="large",
         )

@@ -74,14 +74,20 @@ CONTRADICTIONS = {
     "rigid face": (
         4,
         lambda: ContactProblem(
-            *(cube(), RUBBER, [Clamp("left")], FLOOR),
+            cube(),
+            RUBBER,
+            [Clamp("left")],
+            FLOOR,
             rigid_faces=[RigidFace("right", translation=(None, None, -DEPTH), rotation=(0.0, 0.0, 0.0))],
         ),
     ),
     "rigid contact face": (
         16,
         lambda: ContactProblem(
-            *(cube(), RUBBER, [Clamp("top")], FLOOR),
+            cube(),
+            RUBBER,
+            [Clamp("top")],
+            FLOOR,
             rigid_faces=[RigidFace("bottom", translation=(None, None, -DEPTH), rotation=(0.0, 0.0, 0.0))],
         ),
     ),

@@ -389,9 +389,21 @@ def assembled_matrix(form: Any, V: Any) -> PETSc.Mat:
     matrices, places = np.empty((_KEPT + 1, (3 * width) ** 2)), np.empty((_KEPT + 1, 3 * points.shape[1]))
     constants, coefficients = kernel.constants, np.ascontiguousarray(kernel.coefficients, dtype=np.float64)
     kernels().assemble_cells(
-        *(cells, width, address(nodes), points.shape[1], address(points), address(x), address(constants)),
-        *(coefficients.shape[1], address(coefficients), kernel.address),
-        *(address(indptr), address(indices), address(values), address(matrices), address(places)),
+        cells,
+        width,
+        address(nodes),
+        points.shape[1],
+        address(points),
+        address(x),
+        address(constants),
+        coefficients.shape[1],
+        address(coefficients),
+        kernel.address,
+        address(indptr),
+        address(indices),
+        address(values),
+        address(matrices),
+        address(places),
     )
     count = len(indptr) - 1
     rows, columns = np.empty(3 * count + 1, dtype=np.int32), np.empty(len(values), dtype=np.int32)

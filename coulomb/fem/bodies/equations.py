@@ -149,7 +149,9 @@ class Equations:
         name = given[0].eliminated.strip("'") if len(given) == 1 else f"{len(given)} equations"
         return Tie(
             Equation.kind,
-            *(name, name, "it is in the first term"),
+            name,
+            name,
+            "it is in the first term",
             nodes=local.astype(np.int64),
             area=np.zeros(count),
             normal=np.zeros((count, 3)),

@@ -127,7 +127,7 @@ class HyperelasticBody(NonlinearBody):
         self._follow = [load for load in tractions if isinstance(load, Pressure)]
         dead = [load for load in tractions if not isinstance(load, Pressure)]
         self._loaded = loaded = _SupportedBody(
-            *(mesh, materials, clamps, dead, body_force, springs, body_force_amplitude, gravity, gravity_amplitude)
+            mesh, materials, clamps, dead, body_force, springs, body_force_amplitude, gravity, gravity_amplitude
         )
         u, v, w = fem.Function(loaded.V, name="displacement"), ufl.TestFunction(loaded.V), ufl.TrialFunction(loaded.V)
         F, dx = ufl.Identity(3) + ufl.grad(u), cell_measure(loaded.domain)

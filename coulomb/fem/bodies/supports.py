@@ -221,7 +221,9 @@ class Clamp(PrescribedDisplacement):
         reaches: float | None = None,
     ):
         super().__init__(
-            *(face, (0.0, 0.0, 0.0), components),
+            face,
+            (0.0, 0.0, 0.0),
+            components,
             direction=direction,
             surface=surface,
             begin=begin,

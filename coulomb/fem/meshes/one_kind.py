@@ -104,7 +104,9 @@ class OneKind:
         if numbers is not None:
             numbers = np.concatenate([numbers, np.zeros(len(self.points) - len(numbers), dtype=np.int64)])
         return MeshFile(
-            *(path, self.points, self.cells),
+            path,
+            self.points,
+            self.cells,
             {name: np.flatnonzero(np.isin(self.source, rows)) for name, rows in cell_groups.items()},
             {name: np.vstack(parts) if parts else none for name, parts in of_faces.items()},
             {name: self.completed(some) for name, some in nodes.items()},

@@ -27,7 +27,12 @@ def test_everything_reaches_its_body(mesh):
     loads = [Traction("upper:top", (1.0, 0.0, 0.0)), Pressure("lower:right", 2.0), TotalForce("upper:top", (3.0, 0, 0))]
     springs = [Spring("lower:top", 5.0)]
     given = distributed_bodies(
-        *(mesh, {"lower:core": RUBBER, "upper": STEEL}, HELD, loads, {"upper": (0.0, 7.0, 0.0)}, springs),
+        mesh,
+        {"lower:core": RUBBER, "upper": STEEL},
+        HELD,
+        loads,
+        {"upper": (0.0, 7.0, 0.0)},
+        springs,
         body_force_amplitude=0.5,
         gravity=(0.0, 0.0, -10.0),
         gravity_amplitude=3.0,

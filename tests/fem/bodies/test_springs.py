@@ -128,9 +128,7 @@ def test_springs_at_nodes():
     with pytest.raises(ValueError, match="there is no set of nodes 'toes' \\(there are feet\\)"):
         ContactProblem(mesh, Material(1e9, 0.0), [], Contact("bottom", 0.0), loads, springs=[Spring("toes", 1.0, True)])
     with pytest.raises(ValueError, match="springs at nodes are for small motions"):
-        ContactProblem(
-            *(mesh, Material(1e9, 0.0), [], Contact("bottom", 0.0), loads), springs=springs, kinematics="large"
-        )
+        ContactProblem(mesh, Material(1e9, 0.0), [], Contact("bottom", 0.0), loads, springs=springs, kinematics="large")
 
 
 @pytest.mark.parametrize("direct", [True, False])

@@ -98,7 +98,11 @@ def test_a_beam_with_a_rigid_end():
     mesh = box((length, width, height), (16, 1, 2), degree=2)
     for rotation, bending in ((FREE, 3.0), ((0.0, 0.0, 0.0), 12.0)):
         problem = ContactProblem(
-            *(mesh, Material(E, 0.0), [Clamp("left")], FAR, [PointLoad("right", (0.0, 0.0, force))]),
+            mesh,
+            Material(E, 0.0),
+            [Clamp("left")],
+            FAR,
+            [PointLoad("right", (0.0, 0.0, force))],
             rigid_faces=[RigidFace("right", rotation=rotation)],
             small_strain="warn",
         )
@@ -141,7 +145,11 @@ def test_a_torque_that_slides():
     mesh = box((a, a, 0.005), (10, 10, 1))
     plate = RigidFace("top", translation=(0.0, 0.0, None), rotation=(0.0, 0.0, 4e-3), amplitude=lambda t: t)
     problem = ContactProblem(
-        *(mesh, Material(1e9, 0.0), [], Contact("bottom", friction), [PointLoad("top", (0.0, 0.0, -force))]),
+        mesh,
+        Material(1e9, 0.0),
+        [],
+        Contact("bottom", friction),
+        [PointLoad("top", (0.0, 0.0, -force))],
         rigid_faces=[plate],
     )
     steps = list(LoadHistory([0.25, 0.5, 0.75, 1.0]).steps(problem))
@@ -162,7 +170,11 @@ def test_a_rigid_face_with_a_tie():
     a, b = box((1.0, 1.0, 0.5), (3, 3, 2)), moved(box((1.0, 1.0, 0.5), (2, 2, 1)), (0.0, 0.0, 0.5))
     contact = Contact("b:back", 0.3, foundation=Plane((0.0, 5.0, 0.0), (0.0, -1.0, 0.0)))
     problem = ContactProblem(
-        *(join(a=a, b=b), STEEL, [Clamp("a:bottom")], contact, [Traction("b:top", (1e5, 0.0, 0.0))]),
+        join(a=a, b=b),
+        STEEL,
+        [Clamp("a:bottom")],
+        contact,
+        [Traction("b:top", (1e5, 0.0, 0.0))],
         rigid_faces=[RigidFace("a:top")],
         ties=[Tied("a:top", "b:bottom")],
     )
@@ -218,7 +230,10 @@ def test_a_heated_slice(cell, tilts):
     face = RigidFace("back", rotation=FREE if tilts else (0.0, None, None), along="free")
     far = Contact("top", 0.3, foundation=Plane((0.0, 0.0, 2.0), (0.0, 0.0, -1.0)))
     problem = ContactProblem(
-        *(box(SLICE, (2, 1, 3), cell, degree=2), Material(E, NU, expansion=a), supports, far),
+        box(SLICE, (2, 1, 3), cell, degree=2),
+        Material(E, NU, expansion=a),
+        supports,
+        far,
         rigid_faces=[face],
         temperature=lambda x: low + (high - low) * x[2] / h,
     )
@@ -250,7 +265,11 @@ def test_a_bent_slice(cell, degree, cells, off, by_moment):
     loads = [PointLoad("back", moment=(-moment, 0.0, 0.0))] if by_moment else []
     far = Contact("top", 0.3, foundation=Plane((0.0, 0.0, 2.0), (0.0, 0.0, -1.0)))
     problem = ContactProblem(
-        *(box(SLICE, cells, cell, degree=degree), STEEL, supports, far, loads),
+        box(SLICE, cells, cell, degree=degree),
+        STEEL,
+        supports,
+        far,
+        loads,
         rigid_faces=[RigidFace("back", (0.1, 0.7, 0.5 * h), rotation=turned, along="free")],
     )
     solution = problem.solve()

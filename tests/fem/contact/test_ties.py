@@ -91,8 +91,11 @@ def test_edges_that_are_curved_within_the_face(cell):
     )
     supports = [SymmetryPlane(f"{body}:{side}") for body in ("a", "b") for side in ("left", "front")]
     problem = ContactProblem(
-        *(join(a=lower, b=moved(upper, (0.0, 0.0, 1.0))), STEEL, supports, Contact("a:bottom", 0.0)),
-        *([Pressure("b:top", 1e6)],),
+        join(a=lower, b=moved(upper, (0.0, 0.0, 1.0))),
+        STEEL,
+        supports,
+        Contact("a:bottom", 0.0),
+        [Pressure("b:top", 1e6)],
         ties=[Tied("a:top", "b:bottom")],
     )
     exact = uniaxial(problem.elasticity.x, -1e6)
@@ -168,8 +171,12 @@ def test_stresses_of_a_bond_add_up_to_its_force():
     a, b = box((1.0, 1.0, 0.2), (4, 4, 1)), moved(box((1.0, 1.0, 0.2), (6, 6, 1)), (0.0, 0.0, 0.2))
     contact = Contact("a:bottom", 0.3, foundation=Plane((0.0, 0.0, -1.0), (0.0, 0.0, 1.0)))
     problem = ContactProblem(
-        *(join(a=a, b=b), STEEL, [Clamp("a:left")], contact),
-        *([Traction("b:top", (0.0, 0.0, 2e5))], (0.0, 0.0, 0.0)),
+        join(a=a, b=b),
+        STEEL,
+        [Clamp("a:left")],
+        contact,
+        [Traction("b:top", (0.0, 0.0, 2e5))],
+        (0.0, 0.0, 0.0),
         ties=[Tied("b:bottom", "a:top", slave=True)],
     )
     solution = problem.solve()
@@ -190,7 +197,10 @@ def test_bimetal_strip():
         "b": Material(E, NU, expansion=1e-5 + difference),
     }
     problem = ContactProblem(
-        *(bodies, materials, [SymmetryPlane("a:left"), SymmetryPlane("b:left"), Clamp("a:left", "yz")], FAR),
+        bodies,
+        materials,
+        [SymmetryPlane("a:left"), SymmetryPlane("b:left"), Clamp("a:left", "yz")],
+        FAR,
         temperature=heated,
         ties=[Tied("a:top", "b:bottom")],
         small_strain="warn",
@@ -283,16 +293,14 @@ def test_a_load_history_of_tied_bodies():
     """A load history of a prescribed foundation: forces are linear in its way, and the energies add up."""
     bodies = join(a=box((1.0, 1.0, 1.0), (2, 2, 2)), b=moved(box((1.0, 1.0, 1.0), (3, 3, 3)), (0.0, 0.0, 1.0)))
     problem = ContactProblem(
-        *(
-            bodies,
-            STEEL,
-            [Clamp("a:bottom")],
-            Contact(
-                "b:top",
-                0.0,
-                foundation=Plane((0, 0, 2.0), (0, 0, -1.0)),
-                motion=[(0.0, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, -2e-4)],
-            ),
+        bodies,
+        STEEL,
+        [Clamp("a:bottom")],
+        Contact(
+            "b:top",
+            0.0,
+            foundation=Plane((0, 0, 2.0), (0, 0, -1.0)),
+            motion=[(0.0, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, -2e-4)],
         ),
         ties=[Tied("a:top", "b:bottom")],
     )
