@@ -125,7 +125,7 @@ def _bodies_of(given: Mapping[str, Any], known: Deformable | None = None, change
         own: list[Any] = [given[name] for name in (*names, "gravity_amplitude")]
         own[1] = [*own[1], *supports_of_slices(mesh)]
         if isinstance(mesh, JoinedMesh):
-            body = JoinedBodies(build_bodies(kind, distributed_bodies(mesh, *own, temperature, *heat)))
+            body = JoinedBodies(build_bodies(kind, distributed_bodies(mesh, *[*own, temperature, *heat])))
         else:
             if any(isinstance(one, Mapping) for one in (given["body_force"], given["gravity"], temperature)):
                 raise ValueError("body_force, gravity, temperature: by body only for the bodies of coulomb.join")
