@@ -39,6 +39,12 @@ multigrid of bodies on soft springs; those above it are refused."""
 
 _SETTLING: Final = replace(FINISH, sharpest=1e-5, settled=_SETTLED)
 
+_FAR: Final = 2.0
+"""Contact points more open than this multiple of the largest displacement without contact are far."""
+
+_FARTHER: Final = 100.0
+"""Factor of that distance where forces are at points that were taken as nearer than they are."""
+
 DECISIVE = (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
 """Ends after which no other method is tried."""
 
@@ -75,6 +81,34 @@ class Automatic(SolverSettings):
     name = "auto"
 
     def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
+        """That of the problem in which far contact points are nearer, if none of them touches: an answer of both.
+
+        The path has to leave the products of forces and gaps of far points behind: on a cylinder of 0.3 m under loads
+        that move a part by 10 nm it took over 100 steps or ended, and takes 10 to 30 without these gaps.
+        """
+        over, b, made = problem.reductions, problem.b.reshape(-1, 3), 0
+        most = 0.0 if problem.rigid is not None else _FAR * over.max(np.abs(np.maximum(b, [0.0, -np.inf, -np.inf])))
+        while most > 0.0 and over.any(bool(np.any(b[:, 0] < -most))):
+            nearer = np.zeros_like(b)
+            nearer[:, 0] = np.maximum(-most - b[:, 0], 0.0)
+            shift = nearer.ravel()
+            gradient = None if task.gradient is None else task.gradient - shift
+            result = self._followed(replace(problem, b=problem.b + shift), task._replace(gradient=gradient))
+            made += result.newton_steps
+            gradient = result.gradient + shift
+            residual = problem.residual(result.x, gradient)
+            if result.status is Status.INTERRUPTED or (
+                result.status is Status.CONVERGED and residual <= max(result.residual, task.goal.tolerance)
+            ):
+                multipliers = result.multipliers + nearer[:, :2]
+                return replace(result, gradient=gradient, multipliers=multipliers, residual=residual, newton_steps=made)
+            if result.status is not Status.CONVERGED:
+                break
+            most, task = _FARTHER * most, task._replace(start=result.x, gradient=gradient)
+        result = self._followed(problem, task)
+        return replace(result, newton_steps=made + result.newton_steps)
+
+    def _followed(self, problem: FrictionProblem, task: Task) -> SolverResult:
         goal, start, gradient, progress = task
         first = replace(self.interior_point or InteriorPoint(finish=FINISH), tolerance=goal.tolerance)
         second = replace(self.successive_tresca or SuccessiveTresca(), tolerance=goal.tolerance)

@@ -181,3 +181,41 @@ def test_several_solutions(solver):
         assert slides > 0.0 and wedged[0] > 0.0 and abs(wedged[1]) < 1.5 * wedged[0]
         answers = (np.zeros(3), wedged, np.array([slides, 1.5 * slides, 0.0]))
         assert min(np.abs(x[:3] - answer).max() for answer in answers) <= 1e-6
+
+
+def test_a_far_point_that_touches():
+    """Open by three times the displacement without contact, a point is pushed closed by the force at another one."""
+    A = np.diag([1.0, 1.0, 1.0, 100.0, 1.0, 1.0])
+    A[0, 3] = A[3, 0] = -8.0
+    problem = FrictionProblem.coulomb(dense_compliance(A), np.array([1.0, 0.0, 0.0, -3.0, 0.0, 0.0]), np.full(2, 0.3))
+    result = Automatic().solve(problem)
+    assert result.x[[0, 3]] == pytest.approx([1.0 + 8.0 * 5.0 / 36.0, 5.0 / 36.0])
+    assert result.gradient == pytest.approx(A @ result.x - problem.b, abs=1e-9)
+
+
+def test_light_loads_on_a_curved_foundation():
+    """A part on a plate, which touches a drum in a line of nodes: forces are in proportion to the load, and the ends of
+    the plate are as far away as ever."""
+    lower = coulomb.box((0.2, 0.1, 0.05), (4, 2, 2))
+    upper = coulomb.moved(coulomb.box((0.1, 0.1, 0.05), (3, 2, 1)), (0.05, 0.0, 0.05))
+    drum = coulomb.Cylinder((0.15, 0.0, -0.3), (0.0, 1.0, 0.0), 0.3)
+
+    def under(load):
+        problem = coulomb.ContactProblem(
+            coulomb.join(a=lower, b=upper),
+            coulomb.Material(1e9, 0.3),
+            [coulomb.Clamp("a:left")],
+            [coulomb.Contact("b:bottom", 0.3, against="a:top"), coulomb.Contact("a:bottom", 0.4, foundation=drum)],
+            [coulomb.Traction("b:top", (5e4 * load, -8e4 * load, -1.6e5 * load))],
+            springs=[coulomb.Spring("b:right", 1e7)],
+        )
+        solution = problem.solve()
+        w, result = problem.friction_problem.gradient(solution.contact_force.ravel()), solution.result
+        assert result.gradient == pytest.approx(w, rel=1e-6, abs=1e-9 * w.max()) and w.max() > 0.01
+        assert result.multipliers[:, 0] == pytest.approx(w[0::3], rel=1e-2, abs=1e-5 * w.max())
+        assert solution.certificate.passed and result.newton_steps <= 30
+        return solution.contact_force / load
+
+    whole = under(1.0)
+    for load in (1e-2, 1e-4, 1e-6):
+        assert under(load) == pytest.approx(whole, abs=1e-6 * whole.max())
