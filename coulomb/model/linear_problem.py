@@ -292,8 +292,11 @@ class LinearProblem:
     @cached_property
     def friction_problem(self) -> FrictionProblem:
         """A, b and the law, without the body."""
-        body = self.elasticity.component[self.surface.nodes]
-        return FrictionProblem(self.A, self.b, self.state.law, rigid=self.state.rigid, elastic=True, body=body)
+        component, nodes = self.elasticity.component, self.surface.nodes
+        body, group = component[nodes], self.surface.joined(component)[nodes]
+        return FrictionProblem(
+            self.A, self.b, self.state.law, rigid=self.state.rigid, elastic=True, body=body, group=group
+        )
 
     @cached_property
     def formed_A(self) -> BodyCompliance:

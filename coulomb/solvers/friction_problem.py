@@ -68,11 +68,11 @@ class FrictionProblem:
         accept: The certificate that an answer must pass as well; None if only the residual decides.  With rigid motions
             it is called with the forces and alpha.
         balanced: A x - b in metres, shape (3 m,), of forces x in newtons, from the displacement under loads and contact
-            forces together; None if there is only A x less b.  Where A x and b nearly cancel, as for a body that soft
-            springs hold, it has many more correct digits.
+            forces together, with more correct digits where they nearly cancel, as on soft springs; None: A x less b.
         rigid: Motions of bodies that contact alone holds, with the loads along them; None if supports hold all.
         elastic: A is the compliance of elastic bodies, of full rank: forces are felt (`dilution`).
-        body: Number of the body of every contact, from 0, the same on all ranks, shape (m,); None for one body.
+        body, group: Numbers of the body of every contact, and of the bodies that contacts join, from 0, the same on all
+            ranks, shape (m,); None for one.
         together: Whether the contacts of a body are judged together (`residual_of_bodies`), as is enough for a problem
             that is a step towards another one.
 
@@ -90,6 +90,7 @@ class FrictionProblem:
     rigid: RigidMotions | None = None
     elastic: bool = False
     body: npt.NDArray[np.int64] | None = None
+    group: npt.NDArray[np.int64] | None = None
     together: bool = False
 
     @classmethod
@@ -323,7 +324,7 @@ class FrictionProblem:
 
     @cached_property
     def scales(self) -> ContactScales:
-        return ContactScales.of(self.A.diagonal(), self.body, self.reductions)
+        return ContactScales.of(self.A.diagonal(), self.body, self.reductions, self.group)
 
     def left_over(self, x: FloatArray, gradient: FloatArray) -> FloatArray:
         """x - P(x - w/a) with the compliances of every contact, newtons, shape (m, 3); see `residual`."""

@@ -254,7 +254,7 @@ class ScaledProblem:
     def _of_bodies(self) -> tuple[FloatArray, FloatArray]:
         """Nominal forces f of the bodies over s, shape (m,), and energies a f^2 over those of the mean, shape (m, 1);
         1 unless they differ much; a product by A more if they do."""
-        problem, scales, same = self.problem, self.problem.scales, np.ones(self.nodes)
+        problem, scales, same = self.problem, self.problem.scales.of_groups, np.ones(self.nodes)
         if scales.bodies == 1:
             return same, same[:, None]
         b = problem.without_motions(problem.b).reshape(-1, 3)

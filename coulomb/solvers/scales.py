@@ -51,19 +51,33 @@ class ContactScales:
         compliance: a_n, a_t, a_t of every contact, metres per newton, shape (m, 3).
         body: Number of the body of every contact, from 0, the same on all ranks, shape (m,).
         over: Reductions over the ranks.
+        group: Likewise of the bodies that contacts join, between which forces go on; None: the bodies themselves.
     """
 
     compliance: FloatArray
     body: npt.NDArray[np.int64]
     over: Reductions
+    group: npt.NDArray[np.int64] | None = None
 
     @classmethod
-    def of(cls, diagonal: FloatArray, body: npt.NDArray[np.int64] | None, over: Reductions) -> ContactScales:
+    def of(
+        cls,
+        diagonal: FloatArray,
+        body: npt.NDArray[np.int64] | None,
+        over: Reductions,
+        group: npt.NDArray[np.int64] | None = None,
+    ) -> ContactScales:
         """From diag(A), shape (3 m,); along tangents without compliance, where friction moves nothing, that of n."""
         d = diagonal.reshape(-1, 3)
         t = 0.5 * (d[:, 1] + d[:, 2])
         t = np.where(t > 0.0, t, d[:, 0])
-        return cls(np.column_stack([d[:, 0], t, t]), np.zeros(len(d), dtype=np.int64) if body is None else body, over)
+        body = np.zeros(len(d), dtype=np.int64) if body is None else body
+        return cls(np.column_stack([d[:, 0], t, t]), body, over, group)
+
+    @property
+    def of_groups(self) -> ContactScales:
+        """Of what contacts join in place of single bodies."""
+        return self if self.group is None else ContactScales(self.compliance, self.group, self.over)
 
     @cached_property
     def bodies(self) -> int:

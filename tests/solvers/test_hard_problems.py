@@ -219,3 +219,25 @@ def test_light_loads_on_a_curved_foundation():
     whole = under(1.0)
     for load in (1e-2, 1e-4, 1e-6):
         assert under(load) == pytest.approx(whole, abs=1e-6 * whole.max())
+
+
+def test_forces_go_on_from_a_body_on_soft_springs():
+    """The springs let the upper block turn by a thousand times what contact does: had the plate below a nominal force
+    of its own, by its small motions, no method would come to an answer."""
+    lower = coulomb.box((0.2, 0.1, 0.05), (4, 2, 2))
+    upper = coulomb.moved(coulomb.box((0.1, 0.1, 0.05), (3, 2, 1)), (0.05, 0.0, 0.05))
+    problem = coulomb.ContactProblem(
+        coulomb.join(a=lower, b=upper),
+        coulomb.Material(1e9, 0.3),
+        [coulomb.Clamp("a:left")],
+        [coulomb.Contact("b:bottom", 0.3, against="a:top"), coulomb.Contact("a:bottom", 0.4, gap=1e-7)],
+        [
+            coulomb.Traction("b:top", (1e4, -3e3, -2e4)),
+            coulomb.PointLoad("a:right", (100.0, 50.0, -80.0), (3.0, -8.0, 2.0)),
+        ],
+        springs=[coulomb.Spring("b:right", 1e7), coulomb.Spring("a:front", (1e8, 2e8, 3e8))],
+        rigid_faces=[coulomb.RigidFace("b:right", (0.2, 0.05, 0.02), (None, None, -2e-6), (None, 1e-5, None))],
+    )
+    solution = problem.solve()
+    assert solution.valid and solution.result.newton_steps <= 35
+    assert solution.at_nodes.totals(0)["normal_force"] < solution.at_nodes.totals(1)["normal_force"]

@@ -9,8 +9,10 @@ from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.sparse.csgraph import connected_components
 
 from ...arrays import BoolArray, FloatArray, Int32Array, IntArray
 from ...nearest import tree_of
@@ -129,6 +131,18 @@ class ContactSurface:
     def displacements(self, rows: FloatArray) -> FloatArray:
         """The space vectors of rows along n, t1, t2, as of B u, both of shape (m, 3): what `components` takes."""
         return np.einsum("kij,ki->kj", inverse_frames(self.frames), rows)
+
+    def joined(self, component: IntArray) -> IntArray:
+        """Numbers of the bodies that contact points join, from 0, by the component of every node (k,); collective."""
+        there, weights = self.points.opposite_average(component[:, None].astype(np.float64)), self.points.opposite
+        if there is None or weights is None:
+            return component
+        across = np.diff(weights.indptr) > 0
+        edges = np.column_stack([component[self.nodes], np.rint(there[:, 0]).astype(np.int64)])[across]
+        known = self.points.space.comm.allgather((np.max(component, initial=0), np.unique(edges, axis=0)))
+        size, (here, beyond) = 1 + max(most for most, _ in known), np.concatenate([some for _, some in known]).T
+        graph = scipy.sparse.coo_matrix((np.ones(len(here)), (here, beyond)), (size, size))
+        return connected_components(graph, directed=False)[1].astype(np.int64)[component]
 
     def rows(self, u: FloatArray) -> FloatArray:
         """B u: displacement of the contact points in n, t1, t2 (m, 3) from u (k, 3) of this rank's nodes, metres;
