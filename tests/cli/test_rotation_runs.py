@@ -58,6 +58,6 @@ def test_a_case_with_another_rotation_is_not_continued(tmp_path):
 
 def test_the_report_shows_torque_and_power():
     page = page_without_pictures(made(SHOE), charts=True)
-    assert "rotation of the foundation" in page and "0.4 rad at 4" in page
+    assert "moves by translation and rotation" in page and "angle = [[0.0, 0.0], [1.0, 0.0], [4.0, 0.4]]" in page
     assert "torque of the contact on the foundation" in page and "power of the contact on the foundation" in page
     assert "Torque of the contact against the angle" in page
