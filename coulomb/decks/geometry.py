@@ -241,7 +241,7 @@ class Geometry:
         if card.kind == "NSET" and card.get("ELSET"):  # the nodes of elements
             numbers = self.element_sets.members(self._own(card.get("ELSET"), of))
             blocks = [rows for of_type in self.elements.values() for rows in of_type]
-            parts = [rows[np.isin(rows[:, 0], numbers), 1:].ravel() for rows in blocks]
+            parts: list[IntArray] = [rows[np.isin(rows[:, 0], numbers), 1:].ravel() for rows in blocks]
             into.members.append(np.unique(np.concatenate(parts or [numbers])))
         if "GENERATE" in card.parameters:
             for row, line in enumerate(card.lines):

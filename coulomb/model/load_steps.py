@@ -164,8 +164,8 @@ class LoadSteps:
             normals[nodes] = motions[1].turned(foundation.normal(now))
         far = np.einsum("ki,ki->k", normals, outward)[nodes] > _SAME_WAY
         inside = inside_of(motions[1].done(then[far & ~pressing[nodes]]), member)
-        found = [*end.body.x[nodes[far & pressing[nodes]]].tolist(), *inside.tolist()]
-        return sorted(tuple(place) for places in self.elasticity.comm.allgather(found) for place in places)
+        found = np.concatenate([end.body.x[nodes[far & pressing[nodes]]], inside])
+        return sorted(tuple(map(float, place)) for places in self.elasticity.comm.allgather(found) for place in places)
 
     def damps(self) -> bool:
         """Whether a failed step is worth another attempt with damping, which is set: not if it was damped already, or

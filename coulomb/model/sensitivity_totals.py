@@ -104,7 +104,7 @@ def contact_totals(
         pressing, touching = over.sum(dx[here, 0]), here & closed
         sizes = [over.sum(np.linalg.norm(of[here], axis=1)) for of in (present, of_friction)]
         sided: dict[str, Sequence[float]] = {
-            "friction_force": _size_rates(friction, change, sizes, sign).tolist(),
+            "friction_force": list(map(float, _size_rates(friction, change, sizes, sign))),
             "greatest_slip": _largest_rates(np.linalg.norm(at.slip, axis=1)[touching], slips[touching], sign, over),
             "greatest_pressure": _largest_rates(at.pressure[here], pressures[here], sign, over),
         }
@@ -263,7 +263,7 @@ def _carried(bolt: Bolt, now: Resultant, cut: _Cut, sign: float) -> list[dict[st
 
     force, shear = rates(now.force, cut.force, now.force, cut.force)
     torsion, bending = rates(moment, change, np.append(moment, arm), np.append(change, turned))
-    across = zip(shear.tolist(), bending.tolist(), strict=True)
+    across = zip(map(float, shear), map(float, bending), strict=True)
     return [
         {"force": force, "shear": s, "bending": b, "torsion": torsion, "shortening": cut.shortening} for s, b in across
     ]
