@@ -254,24 +254,24 @@ class ScaledProblem:
     def _of_bodies(self) -> tuple[FloatArray, FloatArray]:
         """Nominal forces f of the bodies over s, shape (m,), and energies a f^2 over those of the mean, shape (m, 1);
         1 unless they differ much; a product by A more if they do."""
-        problem, scales, same = self.problem, self.problem.scales.of_groups, np.ones(self.nodes)
+        problem, scales, same = self.problem, self.problem.scales, np.ones(self.nodes)
         if scales.bodies == 1:
             return same, same[:, None]
-        b = problem.without_motions(problem.b).reshape(-1, 3)
-        loads, squares, nodes = scales.sums(b[:, 0]), scales.sums(np.sum(b**2, axis=1)), scales.sums(same)
-        felt, a = scales.sums(self._A_e[:, 0]), scales.sums(scales.compliance[:, 0]) / np.maximum(nodes, 1.0)
+        groups, b = scales.of_groups, problem.without_motions(problem.b).reshape(-1, 3)
+        loads, squares, nodes = groups.sums(b[:, 0]), groups.sums(np.sum(b**2, axis=1)), groups.sums(same)
         with np.errstate(divide="ignore", invalid="ignore"):
-            f = np.maximum(loads, 0.1 * np.sqrt(nodes * squares)) / felt / self._s
+            f = np.maximum(loads, 0.1 * np.sqrt(nodes * squares)) / groups.sums(self._A_e[:, 0]) / self._s
         f = np.where((f > 0.0) & np.isfinite(f), f, 1.0)
         if problem.rigid is not None:  # forces go on from body to body, and b is that of one of many K^+
             f = np.ones_like(f)
-        energy = np.where(a > 0.0, a * f**2 / self._a, 1.0)
-        if not np.max(energy) > _MIXED * np.min(energy):
+        a = scales.sums(scales.compliance[:, 0]) / np.maximum(scales.sums(same), 1.0)
+        nominal, A_e = f[groups.body], np.empty(3 * self.nodes)
+        energy = np.where(a > 0.0, a / self._a, 1.0)[scales.body] * nominal**2
+        if not self._over.max(energy) > _MIXED * self._over.min(energy):
             return same, same[:, None]
-        nominal, A_e = f[scales.body], np.empty(3 * self.nodes)
         problem.A.mult(np.column_stack([nominal, 0.0 * same, 0.0 * same]).ravel(), A_e, _ROUGHLY)
         self._A_e = A_e.reshape(-1, 3)
-        return nominal, energy[scales.body][:, None]
+        return nominal, energy[:, None]
 
     def _motions(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """T (r, q), G~ (m, 3, r), e~ (r,) with G~ = T G W, e~ = T e/s."""
