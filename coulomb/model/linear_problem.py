@@ -292,8 +292,8 @@ class LinearProblem:
     @cached_property
     def friction_problem(self) -> FrictionProblem:
         """A, b and the law, without the body."""
-        component, nodes = self.elasticity.component, self.surface.nodes
-        body, group = component[nodes], self.surface.joined(component)[nodes]
+        nodes = self.surface.nodes
+        body, group = self.elasticity.component[nodes], self.surface.joined(self.elasticity)[nodes]
         return FrictionProblem(
             self.A, self.b, self.state.law, rigid=self.state.rigid, elastic=True, body=body, group=group
         )

@@ -93,13 +93,12 @@ class Automatic(SolverSettings):
             nearer[:, 0] = np.maximum(-most - b[:, 0], 0.0)
             shift = nearer.ravel()
             gradient = None if task.gradient is None else task.gradient - shift
-            result = self._followed(replace(problem, b=problem.b + shift), task._replace(gradient=gradient))
+            result = self._followed(_closed(problem, shift), task._replace(gradient=gradient))
             made += result.newton_steps
             gradient = result.gradient + shift
             residual = problem.residual(result.x, gradient)
-            if result.status is Status.INTERRUPTED or (
-                result.status is Status.CONVERGED and residual <= max(result.residual, task.goal.tolerance)
-            ):
+            right = result.status is Status.CONVERGED and residual <= task.goal.tolerance
+            if right or result.status is Status.INTERRUPTED:
                 multipliers = result.multipliers + nearer[:, :2]
                 return replace(result, gradient=gradient, multipliers=multipliers, residual=residual, newton_steps=made)
             if result.status is not Status.CONVERGED:
@@ -143,6 +142,12 @@ class Automatic(SolverSettings):
         better = min((one, other), key=lambda result: result.residual)
         message = f"{one.message}.  Then {other.message.removesuffix(OTHER_METHOD)}"
         return called(replace(better, message=message), f"{better.method}, the better of both")
+
+
+def _closed(problem: FrictionProblem, shift: FloatArray) -> FrictionProblem:
+    """The problem with gaps that are smaller by a shift (3 m,) in metres."""
+    w = problem.balanced
+    return replace(problem, b=problem.b + shift, balanced=None if w is None else lambda x: w(x) - shift)
 
 
 def settled(

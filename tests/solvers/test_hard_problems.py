@@ -1,5 +1,7 @@
 """Hard problems on which other codes have failed silently: the right answer, or the right status."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from conftest import dense_compliance, make_block
@@ -191,6 +193,21 @@ def test_a_far_point_that_touches():
     result = Automatic().solve(problem)
     assert result.x[[0, 3]] == pytest.approx([1.0 + 8.0 * 5.0 / 36.0, 5.0 / 36.0])
     assert result.gradient == pytest.approx(A @ result.x - problem.b, abs=1e-9)
+
+
+def test_a_far_point_of_a_body_on_soft_springs():
+    """Once a certificate has refused an answer, w is that of the displacement in balance: of gaps as they are."""
+    A, b, asked = np.diag([1.0, 1.0, 1.0, 100.0, 1.0, 1.0]), np.array([1.0, 0.2, 0.0, -50.0, 0.0, 0.0]), []
+
+    def accept(x, *_):
+        asked.append(x)
+        return len(asked) > 1
+
+    problem = FrictionProblem.coulomb(dense_compliance(A), b, np.full(2, 0.3), accept=accept)
+    problem = dataclasses.replace(problem, balanced=lambda x: A @ x - b)
+    result = Automatic(interior_point=InteriorPoint()).solve(problem)
+    assert len(asked) > 1 and result.x[[0, 3]] == pytest.approx([1.0, 0.0], abs=1e-9)
+    assert result.gradient == pytest.approx(A @ result.x - b, abs=1e-9)
 
 
 def test_light_loads_on_a_curved_foundation():

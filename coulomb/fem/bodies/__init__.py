@@ -35,6 +35,7 @@ from .free_motions import (
     least_energy,
     motions_in_words,
     names_of_components,
+    together,
 )
 from .hyperelastic import HyperelasticBody
 from .joined_bodies import JoinedBodies, build_bodies, distributed_bodies, join

@@ -9,14 +9,12 @@ from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse.csgraph import connected_components
 
 from ...arrays import BoolArray, FloatArray, Int32Array, IntArray
 from ...nearest import tree_of
-from ..bodies import Deformable, DisplacementSpace, at_nodes_of, rows_of
+from ..bodies import Deformable, DisplacementSpace, at_nodes_of, rows_of, together
 from ..geometry import (
     HELD_BELOW,
     FrictionAxes,
@@ -132,17 +130,15 @@ class ContactSurface:
         """The space vectors of rows along n, t1, t2, as of B u, both of shape (m, 3): what `components` takes."""
         return np.einsum("kij,ki->kj", inverse_frames(self.frames), rows)
 
-    def joined(self, component: IntArray) -> IntArray:
-        """Numbers of the bodies that contact points join, from 0, by the component of every node (k,); collective."""
-        there, weights = self.points.opposite_average(component[:, None].astype(np.float64)), self.points.opposite
-        if there is None or weights is None:
-            return component
-        across = np.diff(weights.indptr) > 0
-        edges = np.column_stack([component[self.nodes], np.rint(there[:, 0]).astype(np.int64)])[across]
-        known = self.points.space.comm.allgather((np.max(component, initial=0), np.unique(edges, axis=0)))
-        size, (here, beyond) = 1 + max(most for most, _ in known), np.concatenate([some for _, some in known]).T
-        graph = scipy.sparse.coo_matrix((np.ones(len(here)), (here, beyond)), (size, size))
-        return connected_components(graph, directed=False)[1].astype(np.int64)[component]
+    def joined(self, body: Deformable) -> IntArray:
+        """The component of every node, where those of faces that are against each other are one, shape (k,);
+        collective."""
+        links, (own, opposite) = [], (self.points.weights, self.points.opposite)
+        for part, foundation in enumerate(self.foundations):
+            if foundation is None and opposite is not None:
+                here = self.part == part
+                links.append(np.concatenate([own[here].indices, opposite[here].indices]).astype(np.int64))
+        return together((), body.component, body.component_names, body.comm, links)[0]
 
     def rows(self, u: FloatArray) -> FloatArray:
         """B u: displacement of the contact points in n, t1, t2 (m, 3) from u (k, 3) of this rank's nodes, metres;
