@@ -56,6 +56,7 @@ from .loads import (
 from .material import MaterialTable, MaterialTables, TemperatureTable, materials_of, refuse_groups, tables_of
 from .solver import HistoryTable, OutputTable, ProbeTable, SolverTable, UnitsTable
 from .ties import CyclicSymmetryTable, EquationTable, FacePairTable, PretensionTable, RigidFaceTable, TieTable
+from .tolerances import refuse_others
 from .values import TABLES, Number, SpatialVector, Table, Vector, field
 
 if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validation
@@ -326,6 +327,11 @@ class Case(Table):
     @classmethod
     def _large_by_itself(cls, given: Any) -> Any:
         return in_one_history(given) if isinstance(given, dict) else given
+
+    @model_validator(mode="after")
+    def _tolerances_of_inputs(self) -> Case:
+        refuse_others(self)
+        return self
 
     @model_validator(mode="after")
     def _groups_of_the_mesh(self) -> Case:

@@ -17,9 +17,8 @@ from typing_extensions import TypeAliasType
 from .contact import BY_PRESSURE, BY_SLIP_RATE, FACE, FACES
 from .curves import CURVE, ROWS_ALONE, CurveTable, columns_of
 from .material import ONE, ONE_NUMBER, SEVERAL, THREE_NUMBERS
-from .solver import ASKED, TOLERANCES
 from .synonyms import example, in_its_place, right
-from .values import EXPRESSION, FIELD, ISOTROPIC, NUMBER, ORTHOTROPIC
+from .values import EXPRESSION, FIELD, ISOTROPIC, NUMBER, ORTHOTROPIC, TOLERANCE
 
 _MOST: Final = 10
 """Maximum number of faults listed."""
@@ -32,7 +31,7 @@ _FIRST_KEY = {
 
 _TAGS = (
     *(ONE, SEVERAL, FACE, FACES, ISOTROPIC, ORTHOTROPIC, BY_SLIP_RATE, BY_PRESSURE, CURVE, ROWS_ALONE),
-    *(NUMBER, EXPRESSION, FIELD, ONE_NUMBER, THREE_NUMBERS, ASKED, TOLERANCES),
+    *(NUMBER, EXPRESSION, FIELD, ONE_NUMBER, THREE_NUMBERS),
 )
 """Alternatives in the place of an error, which the user does not write."""
 
@@ -117,7 +116,7 @@ def _explain(entry: Any, case: _Model) -> str:
     other = entry["type"] in {*_OTHER_TYPES, *_OTHER_KINDS} and bool(location) and isinstance(location[-1], str)
     better = in_its_place(names.rpartition(".")[0], str(location[-1]), given) if other else ""
     instead = f": write {better}" if better else ""
-    usual = example(str(location[0]), str(location[-1])) if location and TOLERANCES not in place else ""
+    usual = example(str(location[0]), str(location[-1])) if location else ""
     for_example = f", for example {usual}" if usual else ""
     if entry["type"] == "missing" and isinstance(location[-1], str) and place == entry["loc"]:
         return f"{key}: is missing{for_example}"
@@ -168,6 +167,9 @@ def _meant(location: tuple[int | str, ...], given: Any, case: _Model) -> str:
     known: dict[str, list[str]] = {}
     for place, model, _ in tables:
         known[place] = list(dict.fromkeys([*known.get(place, []), *model.model_fields]))
+    of = name.removesuffix(TOLERANCE)
+    if of != name and of in known.get(here, ()):
+        return f": it is the tolerance of {of}, which is not given beside it"
     above = here.rpartition(".")[0]
     if not (above and name in known[above]) and (better := right(here, name, given, known.get(here, ()))):
         return f": {better}"

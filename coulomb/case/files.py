@@ -103,8 +103,7 @@ def _hint(fault: str, line: str, several: frozenset[str]) -> str:
 
 
 def apply(tables: dict[str, Any], change: str) -> None:
-    """Put a setting "key.key=value" into the tables; true for a table of [output], which asks for the same, leaves it;
-    ValueError if it is none, or there is no such place."""
+    """Put a setting "key.key=value" into the tables; ValueError if it is none, or there is no such place."""
     key, equals, value = change.partition("=")
     parts, said = key.strip().split("."), f"--set {change[:80]}{' ...' if len(change) > 80 else ''}"
     if not equals or not all(parts) or len(parts) > _DEEPEST:
@@ -121,7 +120,7 @@ def apply(tables: dict[str, Any], change: str) -> None:
             place = place[int(part)] if isinstance(place, list) else place.setdefault(part, {})
         if isinstance(place, list):
             place[int(parts[-1])] = new
-        elif parts[0] != "output" or new is not True or not isinstance(place.get(parts[-1]), dict):
+        else:
             place[parts[-1]] = new
     except (ValueError, IndexError, TypeError, AttributeError):
         raise ValueError(f"{said}: there is no such place in the case; lists are numbered from 0") from None

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, cast
 
 from .curves import CurveTable
+from .files import KeyPath
+from .tolerances import called, tolerances
 from .values import Table
 
 if TYPE_CHECKING:
@@ -20,7 +22,7 @@ _LOADS = {
     "nodal force": ("nodal_force", ("force",)),
     "stiffness of the spring": ("spring", ("stiffness",)),
 }
-_HEAT = {"temperature": "temperature", "heat flux": "flux", "film": "film", "heat source": "source"}
+_HEAT = {"temperature": "temperature", "heat flux": "flux", "film": "ambient", "heat source": "source"}
 _ONE = ((0.0, 1.0), (1.0, 1.0))
 """The amplitude without one."""
 
@@ -38,16 +40,56 @@ def lengths(case: Case) -> list[str]:
     return [f"length {axis}{of}" for of, one in tables if one is not None and one.box is not None for axis in "xyz"]
 
 
+def single_numbers(case: Case, names: Sequence[str]) -> dict[str, tuple[str, float]]:
+    """Which of the inputs of these names are one number with a tolerance, by the place of this number: the input, and
+    its change with the logarithm of the input."""
+    places, before = [path for path, _ in tolerances(case)], dict(_numbers(case.model_dump()))
+    found = dict[str, tuple[str, float]]()
+    for name in names if places else ():
+        try:
+            after = dict(_numbers(scaled(case, name, 2.0).model_dump()))
+        except NotScaled:
+            continue
+        changed = [path for path, value in after.items() if value != before.get(path)]
+        for place in places:
+            if changed and all(path[: len(place)] == place for path in changed):
+                found[called(place)] = name, after[changed[0]] - before[changed[0]]
+    return found
+
+
+def _numbers(given: Any, path: KeyPath = ()) -> Iterator[tuple[KeyPath, Any]]:
+    """What is no table and no list in tables and lists, by its place."""
+    if isinstance(given, dict | list | tuple):
+        for key, value in given.items() if isinstance(given, dict) else enumerate(given):
+            yield from _numbers(value, (*path, key))
+    else:
+        yield path, given
+
+
+def _with(given: Any, path: KeyPath, change: Callable[[Any], Any]) -> Any:
+    """A table or a list in which what is at a place is changed."""
+    if not path:
+        return change(given)
+    key, rest = path[0], path[1:]
+    if isinstance(given, tuple):
+        return tuple(_with(one, rest, change) if number == key else one for number, one in enumerate(given))
+    return given.model_copy(update={key: _with(getattr(given, str(key)), rest, change)})
+
+
 def scaled(case: Case, name: str, factor: float) -> Case:
     """The case with an input times a factor.
 
     Args:
-        name: Of the input, as `model.sensitivity.Sensitivity.name`: "friction of 'bottom'", "young of 'upper'".
+        name: Of the input, as `model.sensitivity.Sensitivity.name`: "friction of 'bottom'", "young of 'upper'"; or the
+            place of a number with a tolerance, as it is `called`, by which 0 grows.
         factor: By which it is multiplied.
 
     Raises:
         NotScaled: If the input is none of the case's, or is one of several on the same face.
     """
+    if given := next(((path, tolerance) for path, tolerance in tolerances(case) if called(path) == name), None):
+        path, tolerance = given
+        return cast("Case", _with(case, path, lambda old: _product(old, factor) if old else (factor - 1.0) * tolerance))
     matched = re.fullmatch(r"(.*?)(?: o[fn] '(.*)')?( \(\d+\))?", name)
     assert matched is not None
     kind, face, number = matched[1], matched[2] or "", matched[3]
@@ -92,8 +134,9 @@ def _known(case: Case, kind: str, face: str, factor: float) -> dict[str, Any]:
         mine = [getattr(one, _HEAT[kind]) is not None and face in (one.face, one.body, "") for one in case.heat]
         if sum(mine) > 1:
             raise NotScaled(_SEVERAL)
+        rest = (case.reference_temperature or 0.0) if kind in ("temperature", "film") else 0.0
         warmer = [
-            one.model_copy(update={"amplitude": _rows(one.amplitude or _ONE, factor)}) if here else one
+            one.model_copy(update={_HEAT[kind]: _product(getattr(one, _HEAT[kind]), factor, rest)}) if here else one
             for one, here in zip(case.heat, mine, strict=True)
         ]
         return {"heat": tuple(warmer)} if any(mine) else {}
@@ -178,14 +221,14 @@ def _rows(given: Any, factor: float) -> Any:
     return given.model_copy(update={"table": rows}) if curve else rows
 
 
-def _product(value: Any, factor: float) -> Any:
-    """A number, an expression, or what has several, times a factor."""
+def _product(value: Any, factor: float, rest: float = 0.0) -> Any:
+    """A number, an expression, or what has several, with the difference from `rest` times a factor."""
     if value is None or isinstance(value, bool):
         return value
     if isinstance(value, int | float):
-        return factor * value
+        return rest + factor * (value - rest)
     if isinstance(value, str):
-        return f"{factor!r} * ({value})"
+        return f"{rest!r} + {factor!r} * ({value} - {rest!r})" if rest else f"{factor!r} * ({value})"
     if isinstance(value, tuple):
         return tuple(_product(one, factor) for one in value)
     if isinstance(value, Table) and not isinstance(value, CurveTable):

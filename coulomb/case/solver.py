@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Field, model_validator
 
 import coulomb
 
@@ -103,27 +103,16 @@ class HistoryTable(Table):
         return tuple(float(t) for t in np.linspace(0.0, self.end, self.steps + 1)[1:])
 
 
-ASKED, TOLERANCES = "true or false", "tolerances of inputs"
-
-_Tolerance = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-
-_Sensitivity = Annotated[
-    Annotated[bool, Tag(ASKED)] | Annotated[dict[str, _Tolerance], Tag(TOLERANCES)],
-    Discriminator(lambda given: TOLERANCES if isinstance(given, dict) else ASKED),
-]
-
-
 class OutputTable(Table):
     """Directory of the results, and whether to write a picture and the report, and to estimate the error of the mesh:
-    error bars of all totals.  `format` are the files of the fields, `sensitivity` derivatives of totals; a table of
-    relative tolerances of inputs, by the names that it prints, adds what they make uncertain together; `verify`
-    compares each with answers of the changed case."""
+    error bars of all totals.  `format` are the files of the fields, `sensitivity` derivatives of totals, with what the
+    tolerances of inputs make uncertain together; `verify` compares each with answers of the changed case."""
 
     directory: FileName = "results"
     picture: bool = True
     report: bool = False
     error: bool = False
-    sensitivity: _Sensitivity = False
+    sensitivity: bool = False
     verify: bool = False
     format: tuple[Literal["xdmf", "vtkhdf", "csv", "frd"], ...] = ("xdmf",)
 

@@ -4,10 +4,21 @@ place: a number, an expression as text, or a field of a file."""
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    PrivateAttr,
+    Tag,
+    ValidatorFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 from typing_extensions import TypeAliasType
 
 import coulomb
@@ -20,10 +31,61 @@ if TYPE_CHECKING:
     from ..fem.geometry import Field as VectorField
 
 
+TOLERANCE: Final = "_tolerance"
+"""What is behind a key in the key of its tolerance."""
+
+Tolerances = dict[str, float | tuple[float, ...]]
+
+
 class Table(BaseModel):
-    """A table of a case: other keys are refused."""
+    """A table of a case: other keys are refused, but KEY_tolerance beside a number or a list of numbers KEY.
+
+    It is the tolerance of the number in its unit, or the list of those of each; `tolerances` has them by KEY.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+
+    _tolerances: Tolerances = PrivateAttr(default_factory=dict)
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _with_tolerances(cls, given: Any, validated: ValidatorFunctionWrapHandler) -> Self:
+        of = {f"{key}{TOLERANCE}": key for key in given if key in cls.model_fields} if isinstance(given, dict) else {}
+        of = {tolerance: key for tolerance, key in of.items() if tolerance in given}
+        if not of:  # a tolerance without its key is another key
+            return validated(given)
+        table = validated({key: value for key, value in given.items() if key not in of})
+        table._tolerances.update({key: _tolerance(tolerance, given, key) for tolerance, key in of.items()})
+        return table
+
+    @property
+    def tolerances(self) -> Tolerances:
+        return self._tolerances
+
+    @model_serializer(mode="wrap")
+    def _dumped(self, dumped: Any) -> dict[str, Any]:
+        found: dict[str, Any] = dumped(self)
+        return found | {f"{key}{TOLERANCE}": value for key, value in self._tolerances.items()}
+
+
+def _tolerance(key: str, given: dict[str, Any], of: str) -> float | tuple[float, ...]:
+    """That of a table, in the shape of the number or the list that it is `of`; ValueError if it has another."""
+    value, tolerance = given[of], given[key]
+    listed = isinstance(value, list | tuple)
+    if not all(map(_is_number, value if listed else (value,))):
+        raise ValueError(f"{key}: tolerances are of numbers and lists of numbers, which {of} is not")
+    if listed != isinstance(tolerance, list | tuple) or (listed and len(tolerance) != len(value)):
+        wanted = f"a list of {len(value)} numbers, one for each of {of}" if listed else f"one number, as {of}"
+        raise ValueError(f"{key} should be {wanted}")
+    each = tolerance if listed else (tolerance,)
+    if not all(_is_number(one) and 0.0 <= one < np.inf for one in each) or not any(each):
+        wanted = "numbers >= 0, not all 0" if listed else "a number > 0"
+        raise ValueError(f"{key} should be {wanted}, in the unit of {of}")
+    return tuple(map(float, each)) if listed else float(tolerance)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _between(low: float, high: float, zero: bool = False) -> AfterValidator:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, cached_property, partial
 from typing import Any, Final
@@ -13,7 +13,8 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..case.case import Case
-from ..case.scaled import NotScaled, lengths, scaled
+from ..case.scaled import NotScaled, lengths, scaled, single_numbers
+from ..case.tolerances import called, number_at, tolerances
 from ..io.error_bars import ComparisonHistories, error_of
 from ..io.other_meshes import NoErrorBars, without_remarks
 from ..linalg.reductions import Reductions
@@ -63,8 +64,9 @@ class Sensitivities:
     warning says why not, once.  With `output.verify` each is compared with answers of the changed case, at the end."""
 
     def __init__(self, settings: Case):
-        self._settings = settings
+        self._settings, self._tolerances = settings, list(tolerances(settings))
         self._asked, self._found = settings.output.sensitivity, list[Sensitivity]()
+        self._others = [*lengths(settings)]
         self._posed = dict[str, Posed]()
 
     def of(self, solution: Solution) -> dict[str, Any]:
@@ -73,7 +75,7 @@ class Sensitivities:
         try:
             with timed(solution.problem.seconds, "sensitivity"):
                 self._found = self._of(solution)
-            entries = sensitivity_entries(self._found, self._asked)
+            entries = sensitivity_entries(self._found) | self._bars(solution)
         except ValueError as reason:
             errors.out(f"warning: output.sensitivity: {reason}")
             self._asked = False
@@ -88,28 +90,52 @@ class Sensitivities:
         return entries
 
     def _of(self, solution: Solution) -> list[Sensitivity]:
-        """With those to lengths of boxes, where they are known; a warning says why not."""
-        others = {} if why_no_others(solution.problem) else self._lengths(solution.problem.comm)
+        """With those to lengths of boxes and to numbers with tolerances that are no input by themselves, where they are
+        known; a warning says why not."""
+        without = why_no_others(solution.problem)
         try:
-            return solution.sensitivities(self._found, others)
+            found = solution.sensitivities(self._found, {} if without else self._problems(solution.problem.comm))
+            if self._found or without or not (more := self._no_inputs(found)):
+                return found
+            self._others += more
+            return solution.sensitivities([], self._problems(solution.problem.comm))
         except ValueError as reason:
-            if not others:
+            if without or not self._others:
                 raise
-            found = solution.sensitivities(self._found)
-            errors.out(f"warning: output.sensitivity: there is none to lengths of boxes: {reason}")
+            found = solution.sensitivities([one for one in self._found if one.name not in self._others])
+            errors.out(f"warning: output.sensitivity: there is none to {', '.join(self._others)}: {reason}")
+            self._others = []
             return found
 
-    def _lengths(self, comm: MPI.Comm) -> dict[str, Posed]:
-        """Of boxes; problems are posed once for all load steps."""
+    def _problems(self, comm: MPI.Comm) -> dict[str, Posed]:
+        """Those of other inputs, posed once for all load steps."""
 
-        @cache
         def posed(name: str, factor: float) -> ContactProblem:
             with without_remarks():
                 return scaled(self._settings, name, factor).problem(comm)
 
-        if not self._posed:
-            self._posed = {name: partial(posed, name) for name in lengths(self._settings)}
-        return self._posed
+        self._posed |= {name: cache(partial(posed, name)) for name in self._others if name not in self._posed}
+        return {name: self._posed[name] for name in self._others}
+
+    def _no_inputs(self, found: Sequence[Sensitivity]) -> list[str]:
+        """The places of numbers with tolerances that are no input by themselves."""
+        known = single_numbers(self._settings, [one.name for one in found])
+        return [called(path) for path, _ in self._tolerances if called(path) not in known]
+
+    def _bars(self, solution: Solution) -> dict[str, Any]:
+        """Of summary.json, what tolerances make uncertain, and why some are not among them."""
+        if not self._tolerances:
+            return {}
+        named, parts, without = {one.name: one for one in self._found}, list[_Part](), dict[str, str]()
+        known = single_numbers(self._settings, list(named))
+        for path, tolerance in self._tolerances:
+            place = called(path)
+            name, change = known.get(place, (place, number_at(self._settings, path) or tolerance))
+            if name in named:
+                parts.append((named[name], tolerance / abs(change)))
+            else:
+                without[place] = why_no_others(solution.problem) or "it is none of the inputs"
+        return {**input_bars(self._found, parts), "without_bar": without}
 
 
 _FARTHEST: Final = 0.01
@@ -206,42 +232,47 @@ def _entry(one: Sensitivity) -> dict[str, Any]:
     return {"input": one.name, "totals": one.totals, **one.others, "step": step, "border": one.border}
 
 
-def sensitivity_entries(found: Sequence[Sensitivity], tolerances: bool | Mapping[str, float]) -> dict[str, Any]:
-    """Of summary.json: `sensitivity`, where a step without end is null, and `sensitivity_condition`; with relative
-    tolerances of inputs by their names also `input_bars` of contacts and `other_input_bars`, the root of the sum of the
-    squares of what each does to the totals, on the side where it does more, and `unknown_inputs`, names of no input
-    that has not been 0 so far."""
-    entries: dict[str, Any] = {
+def sensitivity_entries(found: Sequence[Sensitivity]) -> dict[str, Any]:
+    """Of summary.json: `sensitivity`, where a step without end is null, and `sensitivity_condition`."""
+    return {
         "sensitivity_condition": found[0].condition._asdict() if found else None,
         "sensitivity": [
             {**_entry(one), "falling": _entry(one.falling)} if one.falling else _entry(one) for one in found
         ],
     }
-    if isinstance(tolerances, bool):
-        return entries
-    names = {one.name: one for one in found}
-    entries["unknown_inputs"] = [name for name in tolerances if name not in names]
-    bars = [(part, names[name]) for name, part in tolerances.items() if name in names] or [(0.0, found[0])]
-    each = [(one, one.falling or one) for _, one in bars]
+
+
+_Part = tuple[Sensitivity, float]
+"""An input, and its tolerance over it."""
+
+
+def input_bars(found: Sequence[Sensitivity], parts: Sequence[_Part]) -> dict[str, Any]:
+    """Of summary.json: `input_bars` of contacts and `other_input_bars`, the root of the sum of the squares of what the
+    tolerance of each input does to the totals, on the side where it does more."""
+    bars = parts or [(found[0], 0.0)]
+    each = [(one, one.falling or one) for one, _ in bars]
 
     def together(given: list[Any]) -> Any:
-        parts = [part * np.abs(value).max(axis=0) for (part, _), value in zip(bars, given, strict=True)]
-        return np.linalg.norm(parts, axis=0).tolist()
+        by_input = [part * np.abs(value).max(axis=0) for (_, part), value in zip(bars, given, strict=True)]
+        return np.linalg.norm(by_input, axis=0).tolist()
 
-    entries["input_bars"] = {
-        face: {total: together([[side.totals[face][total] for side in sides] for sides in each]) for total in totals}
-        for face, totals in found[0].totals.items()
-    }
-    entries["other_input_bars"] = {
-        kind: {
-            name: {
-                total: together([[side.others[kind][name][total] for side in sides] for sides in each])
-                for total, value in totals.items()
-                if value is not None
+    return {
+        "input_bars": {
+            face: {
+                total: together([[side.totals[face][total] for side in sides] for sides in each]) for total in totals
             }
-            for name, totals in named.items()
-        }
-        for kind, named in found[0].others.items()
-        if all(kind in one.others for _, one in bars)  # probes have none along lengths
+            for face, totals in found[0].totals.items()
+        },
+        "other_input_bars": {
+            kind: {
+                name: {
+                    total: together([[side.others[kind][name][total] for side in sides] for sides in each])
+                    for total, value in totals.items()
+                    if value is not None
+                }
+                for name, totals in named.items()
+            }
+            for kind, named in found[0].others.items()
+            if all(kind in one.others for one, _ in bars)  # probes have none along lengths
+        },
     }
-    return entries

@@ -260,9 +260,8 @@ def show_sensitivity(console: Console, contents: dict[str, Any]) -> None:
     """Print what 1 % more of the inputs does to the forces of each contact, if the summary has it: the five that do
     most, and how far that is linear."""
     entries = contents.get("sensitivity") or []
-    for name in contents.get("unknown_inputs", ()):
-        known = ", ".join(repr(one["input"]) for one in entries)
-        errors.out(f"warning: output.sensitivity: there is no input {name!r}; there are {known}")
+    for place, reason in contents.get("without_bar", {}).items():
+        errors.out(f"warning: output.sensitivity: the tolerance of {place} is in no bar: {reason}")
     width = max(map(len, ("with the tolerances given", *(one["input"] for one in entries))))
     for face in entries[0]["totals"] if entries else ():
         totals = [(one, one["totals"][face]) for one in entries]

@@ -135,9 +135,17 @@ def test_inputs_of_heat_are_scaled_in_a_case(tmp_path):
     (tmp_path / "case.toml").write_text(CASE)
     case = read_case(tmp_path / "case.toml")
     names = ["temperature on 'low:bottom'", "heat flux on 'up:left'", "film on 'low:left'", "heat source of 'up'"]
+
+    def given(of):
+        conduction = of.problem().body.heat.conduction
+        factors = conduction.factors(0.0)
+        return conduction.heat(factors), conduction.prescribed(factors)
+
+    heats, fixed = given(case)
     for number, name in enumerate(names):
-        factors = scaled(case, name, 1.5).problem().body.heat.conduction.factors(0.0)
-        assert factors == pytest.approx(np.where(np.arange(4) == number, 1.5, 1.0)), name
+        more, warmer = given(scaled(case, name, 1.5))
+        assert more == pytest.approx(np.where(np.arange(4) == number, 1.5, 1.0)[:, None] * heats), name
+        assert warmer == pytest.approx((1.5 if number == 0 else 1.0) * fixed), name
     for face in ("up:bottom", "low:top"):
         (contact,) = scaled(case, f"conductance of {face!r}", 1.5).problem().contacts
         assert contact.thermal.conductance == 1.5e3
