@@ -27,7 +27,8 @@ OF_LARGEST: Final = 1e-12
 """Rounding of a field relative to its largest entry, at least."""
 
 _OF_SUMS: Final = 1e-13
-"""Rounding of a number in JSON relative to the largest of its key: components of one force, forces of all faces."""
+"""Rounding of a number in JSON relative to the largest of its key: components of one force, forces of all faces, as of
+heat, whose nodal forces have no sum."""
 
 _OF_CERTIFICATE: Final = 1e-12
 """Value of a check of the certificate below which it is a rounding error."""
@@ -37,7 +38,8 @@ _SOURCE: Final = f"the case and {ANSWER}"
 
 _GIVEN: Final = {
     **{field.name: field.follows for field in CONTACT_FIELDS if field.given},
-    **{"time": "the load step, or that of the problem", "points": "the case"},
+    **{"time": "the load step, or that of the problem", "points": "the case", "length of normal": "its direction"},
+    **dict.fromkeys(("tension", "friction beyond its bound"), "the law of friction"),
 }
 """What fields are computed from that are input."""
 
@@ -71,28 +73,29 @@ class Comparison:
         self.left: list[Place] = []
 
     def tree(
-        self, written: Any, expected: Any, others: Sequence[Any] = (), place: Place = (), source: str = _SOURCE
+        self,
+        written: Any,
+        expected: Any,
+        others: Sequence[Any] = (),
+        place: Place = (),
+        source: str = _SOURCE,
+        scales: Mapping[str, float] | None = None,
     ) -> None:
         """Compare the entries at a place: all expected ones must exist and agree with what follows from a source:
         fields and numbers up to rounding, by `others` from perturbed data; in texts figures may be rounded as there;
-        everything else exactly."""
-        scales = _largest(expected, {}, "")
-
-        def compare(written: Any, expected: Any, others: Sequence[Any], place: Place) -> None:
-            keys: list[Any] = []
-            if isinstance(expected, Mapping) and isinstance(written, Mapping):
-                self.faults += [f"{in_files((*place, key))}: is missing" for key in expected if key not in written]
-                self.left += [(*place, key) for key in written if key not in expected]
-                keys = [key for key in expected if key in written]
-            elif isinstance(expected, list) and isinstance(written, list) and len(expected) == len(written):
-                keys = list(range(len(expected)))
-            elif said := _difference(written, expected, others, place, scales):
-                of = _GIVEN.get(str(place[-1]), source) if place[0] in FIELDS else source
-                self.faults.append(f"{in_files(place)}: {said[0]}, but {said[1]} follows from {of}{said[2]}")
-            for key in keys:
-                compare(written[key], expected[key], [_at(other, key) for other in others], (*place, key))
-
-        compare(written, expected, others, place)
+        everything else exactly.  `scales` are the largest numbers of the whole tree by their keys."""
+        keys, scales = list[Any](), _largest(expected, {}, "") if scales is None else scales
+        if isinstance(expected, Mapping) and isinstance(written, Mapping):
+            self.faults += [f"{in_files((*place, key))}: is missing" for key in expected if key not in written]
+            self.left += [(*place, key) for key in written if key not in expected]
+            keys = [key for key in expected if key in written]
+        elif isinstance(expected, list) and isinstance(written, list) and len(expected) == len(written):
+            keys = list(range(len(expected)))
+        elif said := _difference(written, expected, others, place, scales):
+            of = _GIVEN.get(str(place[-1]), source) if place[0] in FIELDS else source
+            self.faults.append(f"{in_files(place)}: {said[0]}, but {said[1]} follows from {of}{said[2]}")
+        for key in keys:
+            self.tree(written[key], expected[key], [_at(one, key) for one in others], (*place, key), source, scales)
 
 
 def _difference(

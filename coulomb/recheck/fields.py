@@ -9,8 +9,9 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
-from ..arrays import FloatArray, IntArray, in_words
+from ..arrays import IntArray, in_words
 from ..fem.meshes import FACETS, SEPARATOR, SOLIDS
 from ..io.field_files import NODE, WHOLE, Grid, data_of, read_grids
 from ..io.grid_file import described
@@ -18,67 +19,85 @@ from ..io.output import grids_of_files
 from ..io.result_grids import BODIES, FACES
 from ..io.run_directory import CONTACT, FIELDS, SOLUTION, RunDirectory
 from ..model.solution import Solution
-from ..nearest import in_a_cell, same_nodes
 from .comparison import Field
 
 _KINDS: Final = {SOLUTION: (SOLIDS, BODIES), CONTACT: (FACETS, FACES)}
 """XDMF's names of the cells of the files by the number of their nodes, and the names of their collections of grids."""
 
-_NEAR: Final = 1e-9
-"""Distance of points at the same place, over the extent of the mesh."""
-
 Grids = dict[str, dict[str, Grid]]
 """The grids of the files of a run, by the names of file and grid."""
 
 
-Tree = dict[str, dict[str, dict[str, Any]]]
+def whole(comm: MPI.Comm, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Rows of all ranks, a single column as numbers, on rank 0; collective."""
+    parts = comm.gather(values[:, 0] if values.ndim == 2 and values.shape[1] == 1 else values)
+    return values if parts is None else np.concatenate([part for part in parts if len(part)] or parts[:1])
 
 
 def grids_of(answer: Solution, bars: Mapping[str, Any] | None) -> Grids:
     """The grids that would be written of an answer with these error bars, on rank 0; collective."""
     comm, found = answer.problem.comm, Grids()
-
-    def whole(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        parts = comm.gather(values[:, 0] if values.ndim == 2 and values.shape[1] == 1 else values)
-        return values if parts is None else np.concatenate([part for part in parts if len(part)] or parts[:1])
-
     for name, grids in grids_of_files(answer, {}, bars).items():
         found[name] = {}
         for one in grids:
-            fields = {field: whole(values) for field, values in (*one.on_points.items(), *one.on_cells.items())}
-            mesh = one.grid.kind, whole(one.grid.cells), whole(one.grid.points)
+            fields = {field: whole(comm, values) for field, values in (*one.on_points.items(), *one.on_cells.items())}
+            mesh = one.grid.kind, whole(comm, one.grid.cells), whole(comm, one.grid.points)
             found[name][one.name or WHOLE] = Grid(*mesh, fields, frozenset(one.on_cells))
     return found
 
 
-def fields_of(folder: Path, grids: Grids, like: Grids) -> Tree:
-    """Fields by file, grid and name, in the order of the meshes of other grids; `folder` is that of the files that they
-    are in, for messages.
+def fields_of(grids: Grids) -> dict[str, dict[str, dict[str, Field]]]:
+    """Their fields by file, grid and name, and the points; but for the numbers of nodes."""
+
+    def fields(of: Grid) -> dict[str, Field]:
+        middle, named = of.points[of.cells].mean(axis=1), {"points": of.points, **of.fields}
+        named.pop(NODE, None)
+        return {name: Field(values, middle if name in of.on_cells else of.points) for name, values in named.items()}
+
+    return {file: {name: fields(of) for name, of in there.items()} for file, there in grids.items()}
+
+
+def in_order(folder: Path, grids: Grids, like: Grids, numbers: Mapping[str, IntArray]) -> Grids:
+    """The grids of files in a folder, with points and cells in the order of other grids: `numbers` are those of the
+    nodes of the bodies in the files, by the names of their grids.
 
     Raises:
         ValueError: If the meshes are not those.
     """
-    numbers, found = dict[str, IntArray](), Tree()
-    for name, there in grids.items():
-        file, wanted, found[name] = folder / name, like[name], {}
+    found = Grids()
+    for file, there in grids.items():
+        wanted, found[file] = like[file], {}
         if list(there) != list(wanted):
             what = [", ".join(map(repr, names)) for names in (there, wanted)]
-            raise ValueError(f"{file}: shows {what[0]}, but of the case are {what[1]}")
-        for grid, (_, cells, points, fields, on_cells, *_) in there.items():
-            x, rows = wanted[grid].points, wanted[grid].cells
-            node, cell = _same_mesh(file, points, cells, x, rows)
-            if name == SOLUTION:
-                numbers[grid] = np.empty_like(node)
-                numbers[grid][node] = np.arange(len(node))
-            elif NODE in fields:
-                body = grid.partition(SEPARATOR)[0] if len(numbers) > 1 else next(iter(numbers))
-                fields = {**fields, NODE: numbers[body][fields[NODE].astype(np.int64)].astype(np.float64)}
-            middle = x[rows].mean(axis=1)
-            into = found[name][grid] = {"points": Field(points[node], x)}
-            for one, values in fields.items():
-                order, place = (cell, middle) if one in on_cells else (node, x)
-                into[one] = Field(values[order], place)
+            raise ValueError(f"{folder / file}: shows {what[0]}, but of the case are {what[1]}")
+        for name, grid in there.items():
+            node = numbers[name.partition(SEPARATOR)[0] if len(numbers) > 1 else next(iter(numbers))]
+            if file == CONTACT:
+                place = np.full(len(node), -1)
+                place[grid.fields[NODE].astype(np.int64)] = np.arange(len(grid.points))
+                node = place[node[wanted[name].fields[NODE].astype(np.int64)]]
+            found[file][name] = _in_order(folder / file, grid, wanted[name], node)
     return found
+
+
+def _in_order(file: Path, grid: Grid, like: Grid, node: IntArray) -> Grid:
+    """A grid in the order of another one, by the numbers of the nodes of that in it, -1 for one that is not there."""
+    rows = node[like.cells]
+    if np.any(node < 0) or len(grid.points) != len(node) or grid.cells.shape != rows.shape:
+        sizes = [f"{len(of.points)} points and {len(of.cells)} cells" for of in (grid, like)]
+        raise ValueError(f"{file}: has another mesh than the case: {sizes[0]}, the case {sizes[1]}")
+    here, there = (np.lexsort(of.T[::-1]) for of in (rows, grid.cells))
+    wrong = np.any(rows[here] != grid.cells[there], axis=1)
+    if np.any(wrong):
+        place = in_words(like.points[like.cells[here[np.argmax(wrong)]]].mean(axis=0))
+        raise ValueError(
+            f"{file}: {np.count_nonzero(wrong)} of {len(rows)} cells (first seen at x = {place}) have other nodes than "
+            "those of the case, or have them in another order"
+        )
+    cell = np.empty(len(rows), dtype=np.int64)
+    cell[here] = there
+    fields = {name: values[cell if name in grid.on_cells else node] for name, values in grid.fields.items()}
+    return grid._replace(cells=like.cells, points=grid.points[node], fields=fields)
 
 
 def sound(files: RunDirectory) -> tuple[dict[str, Any], Grids, dict[str, float]]:
@@ -112,34 +131,3 @@ def sound(files: RunDirectory) -> tuple[dict[str, Any], Grids, dict[str, float]]
             if not np.all(np.isfinite(values)):
                 raise ValueError(f"{data_of(files.path / name)}: {one} has entries that are not finite")
     return contents, found, times
-
-
-def _same_mesh(
-    file: Path, points: FloatArray, cells: IntArray, x: FloatArray, rows: IntArray
-) -> tuple[IntArray, IntArray]:
-    """The numbers in a file of the nodes and of the cells of a mesh.
-
-    Raises:
-        ValueError: If it has others, or has the nodes of a cell in another order.
-    """
-    if np.array_equal(points, x) and np.array_equal(cells, rows):
-        return np.arange(len(x)), np.arange(len(rows))
-    node: IntArray = np.full(1, -1)
-    if points.shape == x.shape and cells.shape == rows.shape and len(points):
-        node = same_nodes(x, in_a_cell(x, rows), points, cells, _NEAR * float(np.max(np.ptp(points, axis=0))))
-    if np.any(node < 0) or len(np.unique(node)) < len(node):
-        where = "" if len(node) != len(x) else f" (first seen at x = {in_words(x[np.argmax(node < 0)])})"
-        sizes = f"{len(points)} points and {len(cells)} cells, the case {len(x)} and {len(rows)}"
-        raise ValueError(f"{file}: has another mesh than the case: {sizes}{where}")
-    mine = node[rows]
-    here, there = (np.lexsort(of.T[::-1]) for of in (mine, cells))
-    wrong = np.any(mine[here] != cells[there], axis=1)
-    if np.any(wrong):
-        place = in_words(x[rows[here[np.argmax(wrong)]]].mean(axis=0))
-        raise ValueError(
-            f"{file}: {np.count_nonzero(wrong)} of {len(rows)} cells (first seen at x = {place}) have other nodes than "
-            "those of the case, or have them in another order"
-        )
-    cell = np.empty(len(rows), dtype=np.int64)
-    cell[here] = there
-    return node, cell

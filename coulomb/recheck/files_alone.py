@@ -8,17 +8,17 @@ named: equilibrium, stresses, loads and supports, normals, gaps and weights.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..contact_fields import ANSWER, COMPLIANCES, sides_of
+from ..contact_fields import COMPLIANCES, sides_of
 from ..fem.geometry import inverse_frames
 from ..fem.meshes import SEPARATOR
-from ..io.field_files import NODE, OPPOSITE, WHOLE, data_of
+from ..io.field_files import NODE, OPPOSITE, WHOLE, Grid, data_of
 from ..io.result_grids import OURS
 from ..io.run_directory import CONTACT, OLD, SOLUTION, SUMMARY, RunDirectory
 from ..model.nodal_answer import HELD, Accumulated, NodalAnswer
@@ -27,6 +27,8 @@ from ..units import amount, use
 from .comparison import Comparison, Field, named, perturbed
 from .fields import Grids, sound
 from .findings import Findings, unread
+
+Fields = dict[str, FloatArray]
 
 _FIELDS: Final = ("pressure", "friction_traction", "friction_use", "status", "coefficient")
 """Fields of contact points that follow from their others."""
@@ -43,6 +45,9 @@ _LEFT: Final = (
     "origin, ties, heat"
 )
 
+_PERTURBED: Final = ("displacement", "load", "contact_force", "slip")
+"""Fields whose rounding errors are followed to those of the others."""
+
 _BALANCED: Final = 1e-6
 """Accepted sum of all forces over the sum of their sizes."""
 
@@ -53,46 +58,43 @@ def check_alone(files: RunDirectory, why: str) -> Findings:
     Raises:
         ValueError: If a file is missing, cannot be read, or does not match the others.
     """
-    (contents, grids, times), found = sound(files), Comparison()
+    (contents, grids, times), found, random = sound(files), Comparison(), np.random.default_rng(1)
     use(**{name: str(unit) for name, unit in contents.get("units", {}).items() if name in ("length", "stress")})
-    solids = grids[SOLUTION].values()
-    u, load = (np.concatenate([one.fields[name] for one in solids]) for name in ("displacement", "load"))
-    fields, forces = _contact(files, contents, grids)
-    touching = np.round(fields["status"]) != HELD
-    at = {name: values[touching] for name, values in fields.items()}
-    copies = float(contents.get("slice", {}).get("layers", 1.0))
-    random, faces = np.random.default_rng(1), contents["faces"]
-    near = {**at, **{name: perturbed(at[name], random) for name in ("contact_force", "slip")}}
-    answer, other = (_answer(fields, faces, len(solids) > 1, copies) for fields in (at, near))
-    _compare_fields(at, answer, contents["certificate"].get("natural_residual", {}), found)
-    follow, others = (
-        {name: of for name, of in one.numbers().items() if name in ("force_on_body", "totals", "nodes")}
-        for one in (answer, other)
-    )
-    for one in (follow, others):  # points of 10-node faces and of pairs are not at the nodes that files have
-        one["totals"] = {name: of for name, of in one["totals"].items() if name not in _AT_POINTS}
-    certificate, moved = _certificate(contents["certificate"]), np.max(np.linalg.norm(u, axis=1))
+
+    def near(of: Grid) -> Grid:
+        fields = {name: perturbed(one, random) if name in _PERTURBED else one for name, one in of.fields.items()}
+        return of._replace(fields=fields)
+
+    around = {file: {name: near(of) for name, of in there.items()} for file, there in grids.items()}
+    (at, answer, forces), (_, other, near_them) = (_contact(files, contents, of) for of in (grids, around))
+    written, fields = _fields(at, answer)
+    found.tree(written, fields, [{**_fields(at, other)[1], "status": None}], (CONTACT, WHOLE))
+    numbers = _numbers(contents, grids, answer, forces)
     strain = contents.get("small_strain") or {}
     violations = () if strain.get("accepted") else tuple(strain.get("violations", ()))
-    follow["maximum"] = {"displacement": moved, "contact_pressure": follow["totals"]["greatest_pressure"]}
-    follow |= {"certificate": certificate, "valid": certificate["passed"] and not violations}
-    found.tree(contents, follow, [others], (SUMMARY,), ANSWER)
-    _compare_sums(contents, forces, load, grids[SOLUTION], copies, found)
+    numbers["valid"] = numbers["certificate"]["passed"] and not violations
+    loads = np.sum([np.zeros(3), *(one["force"] for one in contents.get("loads", ()))], axis=0)
+    said = {**contents, "sum of loads": loads.tolist()}
+    found.tree(said, numbers, [_numbers(contents, around, other, near_them)], (SUMMARY,), "the fields")
     for name, time in times.items():
         found.tree(time, contents.get("step", {}).get("time", time), (), (name, WHOLE, "time"))
+    _judge(contents, grids, answer, forces, found)
     taken = (f"judged from the files alone, since {why}: {_JUDGED}", f"not judged without the problem: {_LEFT}")
-    names = dict.fromkeys(one for grid in solids for one in grid.fields if one not in OURS)
+    names = dict.fromkeys(one for grid in grids[SOLUTION].values() for one in grid.fields if one not in OURS)
     left = named(found.left) + [f"{one} of {SOLUTION}" for one in names]
     return Findings(contents, None, violations, found.faults, taken, [*left, *unread(files)])
 
 
-def _contact(
-    files: RunDirectory, contents: Mapping[str, Any], grids: Grids
-) -> tuple[dict[str, FloatArray], list[tuple[str, int | None, FloatArray]]]:
-    """The fields of all contact faces, with their coordinates "points"; and of every grid its body, the number of the
-    face that it is opposite to in a pair, and its contact forces; ValueError if they do not match the other files."""
+Forces = list[tuple[str, int | None, FloatArray]]
+"""Of every grid of contact.xdmf its body, the number of the face that it is opposite to in a pair, and its contact
+forces in newtons, shape (k, 3)."""
+
+
+def _contact(files: RunDirectory, contents: Mapping[str, Any], grids: Grids) -> tuple[Fields, NodalAnswer, Forces]:
+    """The fields of all contact points, with their coordinates "points", the answer that they are, and the forces of
+    the grids; ValueError if they do not match the other files."""
     sides, bodies = sides_of(contents["faces"]), grids[SOLUTION]
-    faces, forces = dict[str, dict[str, FloatArray]](), list[tuple[str, int | None, FloatArray]]()
+    faces, forces = dict[str, Fields](), Forces()
     for name, (_, cells, points, own, *_) in grids[CONTACT].items():
         body = name.partition(SEPARATOR)[0]
         body = body if body in bodies else next(iter(bodies))
@@ -105,24 +107,93 @@ def _contact(
             continue
         between = cells[:, 3:] if cells.shape[1] == 6 else cells[:0]  # of 10-node tetrahedra, no contact nodes
         own["status"][np.unique(between)] = HELD
-        here = (np.round(own["status"]) != HELD)[:, None]
-        forces.append((body, None, np.where(here, own["contact_force"], 0.0)))
-        faces[name] = {"points": points, **own}
+        here = np.round(own["status"]) != HELD
+        forces.append((body, None, own["contact_force"][here]))
+        faces[name] = {field: values[here] for field, values in {"points": points, **own}.items()}
     if list(faces) not in ([slave for slave, _ in sides], [WHOLE]):
         raise ValueError(f"{files.contact}: has other contact faces, {list(faces)}, than summary.json: {OLD}")
-    names = next(iter(faces.values()))
-    return {name: np.concatenate([fields[name] for fields in faces.values()]) for name in names}, forces
+    at = {name: np.concatenate([fields[name] for fields in faces.values()]) for name in next(iter(faces.values()))}
+    return at, _answer(at, contents, len(bodies) > 1), forces
 
 
-def _certificate(certificate: Mapping[str, Any]) -> dict[str, Any]:
-    """Rows of the certificate pass if their values are from 0 to their limits, and it passes if all do."""
-    rows = {name: row for name, row in certificate.items() if isinstance(row, Mapping)}
+def _fields(at: Fields, answer: NodalAnswer) -> tuple[dict[str, Field], dict[str, Field]]:
+    """Fields that follow from the others, and forces and the bound of friction within those of the law: as they are in
+    the files, and as they follow."""
+    force, bound, fields = answer.force, answer.bound, answer.fields()
+    largest, none = float(np.max(np.abs(force), initial=0.0)), np.zeros(len(force))
+    pairs = {name: (at[name], fields[name], 0.0) for name in _FIELDS}
+    pairs["length of normal"] = np.linalg.norm(answer.frames[:, 0], axis=1), none + 1.0, 0.0
+    pairs["tension"] = np.maximum(-force[:, 0], 0.0), none, 1e-6 * largest
+    beyond = np.maximum(np.hypot(force[:, 1], force[:, 2]) - bound, 0.0)
+    pairs["friction beyond its bound"] = beyond, none, 1e-6 * largest
+    pairs["slip_bound"] = answer.slip_bound, bound, 1e-5 * largest
+    written = {name: Field(values, answer.x) for name, (values, *_) in pairs.items()}
+    return written, {name: Field(follows, answer.x, floor) for name, (_, follows, floor) in pairs.items()}
+
+
+def _numbers(contents: Mapping[str, Any], grids: Grids, answer: NodalAnswer, forces: Forces) -> dict[str, Any]:
+    """The entries of the summary that follow from the fields: totals, and sums of the nodal forces of loads, faces
+    opposite and bodies; and rows of the certificate, which pass if their values are from 0 to their limits."""
+    solids, numbers = grids[SOLUTION], answer.numbers()
+    u, load = (np.concatenate([one.fields[name] for one in solids.values()]) for name in ("displacement", "load"))
+
+    def resultant(on: Sequence[FloatArray]) -> list[float]:
+        return (answer.copies * np.concatenate([load[:0], *on]).sum(axis=0)).tolist()
+
+    # points of 10-node faces and of pairs are not at the nodes that files have
+    totals, *faces = (
+        {name: value for name, value in of.items() if name not in _AT_POINTS}
+        for of in (numbers["totals"], *map(answer.totals, range(len(answer.faces))))
+    )
+    for _, face, on in forces:
+        if face is not None:
+            faces[face]["opposite_force"] = resultant([on])
+    bodies = [{"name": name, "contact_force": resultant([on for of, _, on in forces if of == name])} for name in solids]
+    rows = {name: row for name, row in contents["certificate"].items() if isinstance(row, Mapping)}
     passed = {name: row["value"] is not None and 0.0 <= row["value"] <= row["limit"] for name, row in rows.items()}
-    return {**{name: {"passed": within} for name, within in passed.items()}, "passed": all(passed.values())}
+    certificate = {**{name: {"passed": within} for name, within in passed.items()}, "passed": all(passed.values())}
+    return {
+        **{name: numbers[name] for name in ("force_on_body", "nodes") if name in numbers},
+        **{"totals": totals, "faces": faces, "sum of loads": resultant([load])},
+        **({"bodies": bodies} if len(bodies) > 1 else {}),
+        "maximum": {
+            "displacement": float(np.max(np.linalg.norm(u, axis=1))),
+            "contact_pressure": totals["greatest_pressure"],
+        },
+        "certificate": certificate,
+    }
 
 
-def _answer(at: Mapping[str, FloatArray], faces: list[dict[str, Any]], several: bool, copies: float) -> NodalAnswer:
-    """The answer at the contact points, by their fields; ValueError if they have no axes or area."""
+def _judge(contents: Mapping[str, Any], grids: Grids, answer: NodalAnswer, forces: Forces, found: Comparison) -> None:
+    """Judge the natural residual by its limit, and the sum of all forces by their sizes, if these rows pass."""
+    rows, none = contents["certificate"], np.zeros(len(answer.x))
+    remaining = np.column_stack([answer.gap, none, none]) - answer.relative_displacement
+    force, unit, law = answer.force, answer.compliance, FrictionLaw.tresca(answer.bound)
+    size = float(np.linalg.norm(law.left_over(force.ravel(), (remaining / unit).ravel(), 0.0)))
+    row = rows.get("natural_residual", {})
+    if row.get("passed") and not size <= 1.001 * row["limit"] * float(np.linalg.norm(force)):
+        found.faults.append(
+            f"{CONTACT}: forces, gaps and slip leave a natural residual of {amount(size, 'N')}, beyond its limit"
+        )
+    acting = [one for name in ("loads", "reactions", "rigid_faces") for one in contents.get(name, ())]
+    parts = [one["force"] for one in (*acting, *(one for one in contents["faces"] if "against" not in one))]
+    sector = any(one["kind"] == "cyclic symmetry" for one in contents.get("understood", {}).get("ties", ()))
+    nodal = [*(one.fields["load"] for one in grids[SOLUTION].values()), *(on for _, face, on in forces if face is None)]
+    size = sum(float(np.linalg.norm(part)) for part in parts)
+    size += answer.copies * sum(float(np.sum(np.abs(on))) for on in nodal)
+    over = float(np.linalg.norm(np.sum([np.zeros(3), *parts], axis=0)))
+    if not (over <= _BALANCED * size or sector) and rows.get("force_balance", {}).get("passed"):
+        found.faults.append(
+            f"{SUMMARY}: loads, reactions and contact leave a force of {amount(over, 'N')} of {amount(size, 'N')}"
+        )
+
+
+def _answer(at: Fields, contents: Mapping[str, Any], several: bool) -> NodalAnswer:
+    """The answer at the contact points, by their fields; ValueError if they have no axes or area.  Where a face has a
+    largest friction, which may be a function of place, it is the bound in the files."""
+    faces, part = contents["faces"], np.round(at["face"]).astype(np.int64)
+    limited = np.array([face.get("friction_limit") is not None for face in faces])[part]
+    limit = np.where(limited, at["slip_bound"], np.inf) if np.any(limited) else None
     frames = np.stack([at["normal"], at["tangent_1"], at["tangent_2"]], axis=1)
     if np.any(np.abs(np.linalg.det(frames)) < 1e-6):
         raise ValueError(f"{CONTACT}: normal and tangents of a contact point are no axes")
@@ -132,9 +203,9 @@ def _answer(at: Mapping[str, FloatArray], faces: list[dict[str, Any]], several: 
     rows[:, 0] = at["initial_gap"] - at["gap"]
     return NodalAnswer(
         comm=MPI.COMM_SELF,
-        law=FrictionLaw(at["cohesion"] * at["area"], at["friction"], _limits(faces, at)),
+        law=FrictionLaw(at["cohesion"] * at["area"], at["friction"], limit),
         faces=tuple(face["faces"][0] for face in faces),
-        part=np.round(at["face"]).astype(np.int64),
+        part=part,
         x=at["points"],
         frames=frames,
         gap=at["initial_gap"],
@@ -151,86 +222,5 @@ def _answer(at: Mapping[str, FloatArray], faces: list[dict[str, Any]], several: 
         force_before=np.zeros_like(rows),
         against=tuple(one.get("against") for one in faces),
         several=several,
-        copies=copies,
+        copies=float(contents.get("slice", {}).get("layers", 1.0)),
     )
-
-
-def _limits(faces: list[dict[str, Any]], at: Mapping[str, FloatArray]) -> FloatArray | None:
-    """Largest friction at the contact points, newtons, shape (m,): of every face that in the summary, or where it is a
-    function of place the bound in the files, between the smallest and the largest; None without limits."""
-    given = [face.get("friction_limit") for face in faces]
-    if all(one is None for one in given):
-        return None
-    ends = [(one["min"], one["max"]) if isinstance(one, Mapping) else (one or np.inf,) * 2 for one in given]
-    low, high = np.array(ends)[np.round(at["face"]).astype(np.int64)].T * at["area"]
-    return np.clip(at["slip_bound"], low, high)
-
-
-def _compare_fields(
-    at: Mapping[str, FloatArray], answer: NodalAnswer, row: Mapping[str, Any], found: Comparison
-) -> None:
-    """Compare the fields that follow from others, forces with the bounds of friction, and the natural residual with its
-    limit, that of a row of the certificate."""
-    x, force, bound = answer.x, answer.force, answer.bound
-    largest, none = float(np.max(np.abs(force), initial=0.0)), np.zeros(len(x))
-    beyond = np.hypot(force[:, 1], force[:, 2]) - bound
-
-    def compare(name: str, written: FloatArray, follows: FloatArray, floor: float, source: str) -> None:
-        found.tree(Field(written, x), Field(follows, x, floor), (), (CONTACT, WHOLE, name), source)
-
-    compare("length of normal", np.linalg.norm(answer.frames[:, 0], axis=1), none + 1.0, 0.0, "its direction")
-    fields = answer.fields()
-    for name in _FIELDS:
-        size = float(np.max(np.abs(fields["pressure" if name == "friction_traction" else name]), initial=0.0))
-        size = max(size, 1.0) if name == "friction_use" else size
-        compare(name, at[name], fields[name], 1e-9 * size, ANSWER)
-    for name, written, follows, floor in (
-        ("tension", np.maximum(-force[:, 0], 0.0), none, 1e-6 * largest),
-        ("friction beyond its bound", np.maximum(beyond, 0.0), none, 1e-6 * largest),
-        ("slip_bound", answer.slip_bound, bound, 1e-5 * largest),
-    ):
-        compare(name, written, follows, floor, "the law of friction")
-    remaining = np.column_stack([answer.gap, none, none]) - answer.relative_displacement
-    left = FrictionLaw.tresca(bound).left_over(force.ravel(), (remaining / answer.compliance).ravel(), 0.0)
-    size = float(np.linalg.norm(left))
-    if row.get("passed") and not size <= 1.001 * row["limit"] * float(np.linalg.norm(force)):
-        found.faults.append(
-            f"{CONTACT}: forces, gaps and slip leave a natural residual of {amount(size, 'N')}, beyond its limit"
-        )
-
-
-def _compare_sums(
-    contents: Mapping[str, Any],
-    forces: list[tuple[str, int | None, FloatArray]],
-    load: FloatArray,
-    bodies: Collection[str],
-    copies: float,
-    found: Comparison,
-) -> None:
-    """Compare sums of nodal forces with the loads and the forces of faces and bodies, and all together with none."""
-    loads = [np.array(one["force"]) for one in contents.get("loads", ())]
-    parts = [*loads, *(np.array(one["force"]) for one in contents.get("reactions", ()))]
-    parts += [np.array(one["force"]) for one in contents.get("rigid_faces", ())]
-    parts += [np.array(one["force"]) for one in contents["faces"] if "against" not in one]
-    sector = any(one["kind"] == "cyclic symmetry" for one in contents.get("understood", {}).get("ties", ()))
-    size = sum(float(np.linalg.norm(part)) for part in parts)
-    size += copies * sum(float(np.sum(np.abs(of))) for of in (load, *(on for _, face, on in forces if face is None)))
-    over = float(np.linalg.norm(np.sum(parts, axis=0))) if parts else 0.0
-    if not (over <= _BALANCED * size or sector) and contents["certificate"].get("force_balance", {}).get("passed"):
-        found.faults.append(
-            f"{SUMMARY}: loads, reactions and contact leave a force of {amount(over, 'N')} of {amount(size, 'N')}"
-        )
-
-    def compare(said: list[float], forces: FloatArray, *place: str | int) -> None:
-        """Compare a force with the sum of nodal ones (k, 3) of all layers, to the rounding errors of their sizes."""
-        sums, rounding = copies * forces.sum(axis=0), 1e-12 * copies * float(np.sum(np.abs(forces)))
-        found.tree(said, sums.tolist(), [(sums + rounding).tolist()], place, "the nodal forces")
-
-    for _, face, on_face in forces:
-        if face is not None:
-            compare(contents["faces"][face]["opposite_force"], on_face, SUMMARY, "faces", face, "opposite_force")
-    for number, name in enumerate(bodies if len(bodies) > 1 else ()):
-        one, on_body = contents["bodies"][number], [load[:0], *(on for body, _, on in forces if body == name)]
-        found.tree(one["name"], name, (), (SUMMARY, "bodies", number, "name"), SOLUTION)
-        compare(one["contact_force"], np.concatenate(on_body), SUMMARY, "bodies", number, "contact_force")
-    compare(np.sum([np.zeros(3), *loads], axis=0).tolist(), load, f"{SUMMARY}: loads")

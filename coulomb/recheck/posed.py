@@ -17,6 +17,7 @@ from ..case.files import named_files
 from ..case.record import written_case
 from ..contact_fields import COMPLIANCES
 from ..fem.bodies import TEMPERATURE
+from ..io.field_files import WHOLE
 from ..io.history_files import at_points, points_in_files
 from ..io.output import finite
 from ..io.run_directory import RunDirectory
@@ -31,6 +32,7 @@ from ..model.solution import Solution
 from ..model.state import State
 from ..solvers.results import SolverResult, Status
 from .comparison import perturbed
+from .fields import whole
 
 OF_SOLVER: Final = (
     *("status", "method", "iterations", "residual", "unsettled", "contraction", "mean_compliance"),
@@ -82,11 +84,15 @@ class WrittenAnswer:
 
     Args:
         problem: The problem posed anew, at any time.
+
+    Attributes:
+        numbers: On rank 0 the numbers there of the nodes of all ranks, by the names of bodies in files.
     """
 
     def __init__(self, files: RunDirectory, problem: ContactProblem):
         self.contents, comm = files.read_summary(), problem.comm
         bodies, faces = points_in_files(files, problem)
+        self.numbers = {name or WHOLE: whole(comm, number) for name, number, _ in bodies}
         self.displacement = at_points(files.solution, "displacement", bodies, comm)
         self.force_on_body = at_points(files.contact, "contact_force", faces, comm)
         compliances = [at_points(files.contact, name, faces, comm)[:, 0] for name in COMPLIANCES]

@@ -18,7 +18,7 @@ from ..contact_fields import ANSWER, COMPLIANCES
 from ..fem.bodies import TEMPERATURE
 from ..fem.meshes import NODE_NUMBER
 from ..io.answer import totals_in
-from ..io.field_files import NODE, OPPOSITE, WHOLE
+from ..io.field_files import OPPOSITE, WHOLE
 from ..io.history_files import HistoryFiles
 from ..io.result_grids import OURS
 from ..io.run_directory import CASE, CONTACT, SOLUTION, SUMMARY, RunDirectory
@@ -30,14 +30,14 @@ from ..ranks import on_rank_0
 from ..solvers.successive_tresca import SuccessiveTresca
 from ..version import __version__
 from .comparison import Comparison, Field, Place, complete, in_files, named
-from .fields import fields_of, grids_of, sound
+from .fields import fields_of, grids_of, in_order, sound
 from .files_alone import check_alone
 from .findings import Findings, unread
 from .posed import SEEDS, Posed, WrittenAnswer, numbers_of
 
 _HEAT: Final = "conduction, contact forces and slip"
 
-_EXACT: Final = ("status", "face", OPPOSITE, NODE, NODE_NUMBER)
+_EXACT: Final = ("status", "face", OPPOSITE, NODE_NUMBER)
 """Fields of whole numbers, which rounding does not change."""
 
 _SLIP_BOUND: Final = 1e-6
@@ -108,7 +108,8 @@ def judged(files: RunDirectory, posed: Posed | str, before: Sequence[State] | No
 
     def compare() -> list[str]:
         """Compare what is in the files; gives the names of what was not compared."""
-        written, expected, *others = (fields_of(files.path, of, grids[0]) for of in (there[0], *grids))
+        written = fields_of(in_order(files.path, there[0], grids[0], answer.numbers))
+        expected, *others = map(fields_of, grids)
         for tree, names in ((expected, COMPLIANCES), *((other, _EXACT) for other in others)):
             for grid in tree[CONTACT].values():
                 for name in names:

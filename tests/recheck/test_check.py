@@ -103,7 +103,7 @@ def test_changed_answers_are_no_answers(run, copy, file, field, function, failin
     ("file", "field", "function", "fault"),
     [
         ("solution.h5", "displacement", lambda u: 1.0001 * u, "summary.json.maximum.displacement"),
-        ("solution.h5", "load", lambda f: 0.99 * f, "summary.json: loads"),
+        ("solution.h5", "load", lambda f: 0.99 * f, "summary.json.sum of loads"),
         ("contact.h5", "contact_force", one_node, "contact.xdmf: pressure"),
         ("contact.h5", "contact_force", lambda x: -x, "contact.xdmf: tension"),
         ("contact.h5", "friction", lambda F: 0.9 * F, "contact.xdmf: friction beyond its bound"),
