@@ -10,13 +10,16 @@ from ..arrays import FloatArray, IntArray
 from .cards import Card, key_of
 from .contacts import tied_pairs
 from .equations import Equations
-from .node_surfaces import named_sides
+from .node_surfaces import EDGES, named_sides
 from .reading import Reading
 from .rigid_bodies import skin_of
 from .steps import Rows, Step, Tracks
 
 _AtReference = tuple[str, int, int]
 """What a reference node belongs to, its number among these, and the degree of freedom."""
+
+_SMALL_TURN: Final = 0.1
+"""Rotation in radians up to which displacements that are linear in it are right to 5 %."""
 
 _IN_FRAME: Final = "is the reference of a face or a bolt, and has a *TRANSFORM: give what it does along x, y and z"
 
@@ -86,22 +89,27 @@ class Constraints:
         if not {1, 2, 3} <= held:
             if node in self._of.frames:
                 raise coupling.fault(f"node {coupling.get('REFNODE')} {_IN_FRAME}")
-            self._equations.couple(node, self._corners_on(coupling), held)
+            self._equations.couple(node, self._nodes_on(coupling), held)
             return
         self._of_node[node] = ("rigid", len(self._rigid))
         self._rigid.append({"face": face, "point": self._point(node)})
 
-    def _corners_on(self, coupling: Card) -> IntArray:
-        """The nodes of the surface of a coupling; ValueError where cells have more than their corners."""
+    def _nodes_on(self, coupling: Card) -> IntArray:
+        """The nodes of the surface of a coupling; ValueError where sides get nodes that the deck has not."""
         surface = self._of.deck.surfaces[key_of(coupling.needs("SURFACE"))]
         if surface.nodes:
             return self._of.deck.node_sets.members(surface.name)
         found: list[IntArray] = []
         for what, side in surface.lines:
             for nodes, table in named_sides(self._of.deck, self._of.deck.solids, what, side):
-                if not (side and table) or nodes.shape[1] > 8:
-                    raise coupling.fault("couplings of some directions are read on sides without midside nodes")
-                found.append(nodes[:, table[0]].ravel())
+                if not (side and table) or nodes.shape[1] > 10:
+                    raise coupling.fault(
+                        "couplings of some directions are read on sides of elements without midside nodes, and of "
+                        "10-node tetrahedra"
+                    )
+                ends = EDGES[4] if nodes.shape[1] == 10 else ()
+                middles = [4 + k for k, edge in enumerate(ends) if set(edge) <= set(table[0])]
+                found.append(nodes[:, table[0] + middles].ravel())
         return np.unique(np.concatenate(found))
 
     def _rigid_body(self, card: Card) -> None:
@@ -177,6 +185,13 @@ class Constraints:
         whole = value == 0.0 and dofs in (range(1, 4), range(4, 7), range(1, 7))
         if kind != "equation" and node in self._of.frames and not whole:
             raise card.fault(f"node {words[0]} {_IN_FRAME}", row)
+        turns = kind == "equation" and max(dofs) > 3 and abs(value) > _SMALL_TURN
+        if turns and "NLGEOM" in step.card.parameters and step.card.key("NLGEOM") != "NO":
+            raise card.fault(
+                f"node {words[0]} turns by {value:g} rad with NLGEOM, but a coupling of some directions takes rotations "
+                "as small: let its *KINEMATIC be of 1 to 3",
+                row,
+            )
         if kind == "distributing":
             raise card.fault("the reference node of a distributing coupling cannot be held: use *KINEMATIC", row)
         for dof in dofs:

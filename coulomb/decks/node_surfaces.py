@@ -13,6 +13,14 @@ from .cards import key_of
 from .geometry import Geometry
 from .sets import Surface
 
+EDGES: Final = {
+    4: ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
+    5: ((0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)),
+    6: ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
+    8: ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
+}
+"""Corners of the edges in whose middles second-order cells have their further nodes, in their order (VTK, Abaqus)."""
+
 _OPPOSITE: Final = -0.5
 """Cosine of the angle between the normals of two facets up to which one faces the other."""
 

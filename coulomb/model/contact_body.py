@@ -29,7 +29,7 @@ from ..fem.contact import (
     rows_of,
     with_unknowns,
 )
-from ..fem.geometry import RigidMotion, Spin, same_place, since_at, spin
+from ..fem.geometry import Refused, RigidMotion, Spin, same_place, since_at, spin
 from ..linalg.compliance import LinearSolver, chosen
 from .contact import Contact
 from .contact_faces import ContactFaces, StatePoints, slaves_as_faces
@@ -59,7 +59,7 @@ def refuse_untouched(elasticity: Deformable, surface: ContactSurface) -> None:
         moved = [rows_of(surface.free_B, R[:, :, k]) for k in own]  # all of them, on every rank
         if not elasticity.comm.allreduce(bool(np.any(moved)), op=MPI.LOR):
             moves = ", ".join(str(free.motions[k]) for k in own)
-            raise ValueError(
+            raise Refused(
                 f"nothing holds {free.bodies[number]}: it has no contact face; clamps and springs leave it free: it "
                 f"{moves}; give it a clamp, a spring or a contact"
             )

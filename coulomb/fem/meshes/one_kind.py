@@ -17,20 +17,13 @@ import numpy as np
 
 from ...arrays import BoolArray, FloatArray, IntArray, distinct, rows_among
 from ...decks.geometry import CORNERS, SIDES
+from ...decks.node_surfaces import EDGES
 from .lagrange import nodes_between
 from .mesh_file import MeshFile
 from .mesh_parts import places
 
 READ: Final = frozenset((4, 5, 6, 8, 10, 13, 15, 20))
 """Numbers of nodes of cells that formats with VTK's order of nodes may have, besides 27."""
-
-_EDGES: Final = {
-    4: ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
-    5: ((0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)),
-    6: ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
-    8: ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
-}
-"""Corners of the edges in whose middles second-order cells have their further nodes, in their order (VTK, Abaqus)."""
 
 
 @dataclass(eq=False)
@@ -204,7 +197,7 @@ class _Middles:
         self.of: list[tuple[IntArray, IntArray]] = []
         pairs, between = [], []
         for width, rows in blocks.items():
-            for column, edge in enumerate(_EDGES[CORNERS[width]]):
+            for column, edge in enumerate(EDGES[CORNERS[width]]):
                 pairs.append(rows[:, list(edge)])
                 between.append(rows[:, CORNERS[width] + column])
         self._edges, self._between = _unique(np.vstack(pairs), np.concatenate(between))
@@ -272,7 +265,7 @@ class _Middles:
 
     def second_order(self, corners: IntArray) -> IntArray:
         """10-node tetrahedra of corners (k, 4)."""
-        pairs = np.vstack([corners[:, list(edge)] for edge in _EDGES[4]])
+        pairs = np.vstack([corners[:, list(edge)] for edge in EDGES[4]])
         between = np.full(len(pairs), -1, dtype=np.int64)
         ends = np.sort(pairs, axis=1)
         on_edge = rows_among(self._edges, ends)
