@@ -188,8 +188,8 @@ class Constraints:
         turns = kind == "equation" and max(dofs) > 3 and abs(value) > _SMALL_TURN
         if turns and "NLGEOM" in step.card.parameters and step.card.key("NLGEOM") != "NO":
             raise card.fault(
-                f"node {words[0]} turns by {value:g} rad with NLGEOM, but a coupling of some directions takes rotations "
-                "as small: let its *KINEMATIC be of 1 to 3",
+                f"node {words[0]} turns by {value:g} rad with NLGEOM, but a coupling of some directions takes "
+                "rotations as small: let its *KINEMATIC be of 1 to 3",
                 row,
             )
         if kind == "distributing":

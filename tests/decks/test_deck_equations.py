@@ -73,32 +73,26 @@ def test_a_coupling_of_one_direction(tmp_path):
 def of_tetrahedra():
     """The cubes of `REFERENCE` as ten-node tetrahedra, without supports of the top, and their sides at z = 2."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
-    numbers, nodes, elements = dict[tuple[float, ...], int](), list[str](), list[str]()
+    nodes, elements = dict[tuple[float, ...], int](), list[str]()
     surfaces = {"master": "", "slave": "", "lid": ""}
     for lower in (0, 1):
-        numbers.clear()
-
-        def number(x):
-            known = numbers.setdefault(tuple(x), 1000 * (lower + 1) + len(numbers))
-            nodes.append(f"{known}, {', '.join(map(str, x))}\n")
-            return known
-
         for path in ((1, 2), (3, 2), (1, 5), (4, 5), (3, 7), (4, 7)):
             x = corners[[0, *path, 6]] + np.array([0.0, 0.0, lower])
             x = x if np.linalg.det(x[1:] - x[0]) > 0.0 else x[[0, 2, 1, 3]]
             middles = [0.5 * (x[i] + x[j]) for i, j in ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))]
             name = len(elements) + 1
-            elements.append(f"{name}, {', '.join(str(number(one)) for one in (*x, *middles))}\n")
+            own = [str(nodes.setdefault((lower, *one), 1000 + len(nodes))) for one in (*x, *middles)]
+            elements.append(f"{name}, {', '.join(own)}\n")
             for side, at in enumerate(((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)), 1):
                 for surface, z in (("master", 1.0), ("slave", 1.0), ("lid", 2.0)):
                     if np.all(x[list(at), 2] == z) and lower == (surface != "master"):
                         surfaces[surface] += f"{name}, S{side}\n"
-    base = sorted({line.split(",")[0] for line in nodes if line.endswith(", 0.0\n")})
-    unique = "".join(sorted(set(nodes)))
+    lines = "".join(f"{number}, {', '.join(map(str, x))}\n" for (_, *x), number in nodes.items())
+    base, top = ("\n".join(str(number) for x, number in nodes.items() if x[3] == z) for z in (0.0, 2.0))
     rest = CUBES[CUBES.index("*MATERIAL") :].replace("top, 1, 2\n", "")
     return (
-        f"*NODE\n{unique}101, .5, .5, 2\n*ELEMENT, TYPE=C3D10, ELSET=cubes\n{''.join(elements)}"
-        f"*NSET, NSET=base\n{chr(10).join(base)}\n"
+        f"*NODE\n{lines}101, .5, .5, 2\n*ELEMENT, TYPE=C3D10, ELSET=cubes\n{''.join(elements)}"
+        f"*NSET, NSET=base\n{base}\n*NSET, NSET=lid\n{top}\n"
         + "".join(f"*SURFACE, NAME={name}\n{sides}" for name, sides in surfaces.items())
         + rest
     )
@@ -108,13 +102,9 @@ def test_a_coupling_of_some_directions_of_ten_node_tetrahedra(tmp_path):
     """Nodes in the middles of edges follow as well: as a rigid lid, of which the reference node is held along y."""
     of = "*COUPLING, REF NODE=101, SURFACE=lid, CONSTRAINT NAME=c\n*KINEMATIC\n{}\n"
     load = STEP.format("*BOUNDARY\n101, 6, 6\n{}*CLOAD\n101, 3, -10.\n101, 1, .5")
-    deck = of_tetrahedra()
-    lid = "*NSET, NSET=lidnodes\n" + "\n".join(
-        line.split(",")[0] for line in deck.split("*ELEMENT")[0].splitlines() if line.endswith(", 2.0")
-    )
-    held = f"{lid}\n*BOUNDARY\nlidnodes, 2, 2\n"
-    some = displacement(tmp_path, deck + held + of.format("1, 1\n3, 3") + load.format(""))
-    whole = displacement(tmp_path, deck + held + of.format("1, 3") + load.format("101, 2, 2\n"))
+    deck = of_tetrahedra() + "*BOUNDARY\nlid, 2, 2\n" + of
+    some = displacement(tmp_path, deck.format("1, 1\n3, 3") + load.format(""))
+    whole = displacement(tmp_path, deck.format("1, 3") + load.format("101, 2, 2\n"))
     top = some[1][:, 2] == 2.0
     assert np.count_nonzero(top) == 9 and np.ptp(some[2][top, 2]) > 1e-6
     assert np.allclose(some[2], whole[2], rtol=0.0, atol=1e-6 * np.abs(whole[2]).max())
