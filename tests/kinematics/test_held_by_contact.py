@@ -12,7 +12,10 @@ from coulomb import (
     NeoHookean,
     Plane,
     PrescribedDisplacement,
+    Pressure,
     Rotation,
+    Spring,
+    StepFailed,
     box,
     join,
     moved,
@@ -102,3 +105,17 @@ def test_a_block_leaves_another():
     first, apart, again = (one.at_nodes.totals()["normal_force"] for one in solutions)
     assert all(one.valid for one in solutions) and apart == 0.0 < first
     assert again == pytest.approx(first, rel=1e-6)
+
+
+def test_a_step_that_loses_all_contact_fails():
+    """The block below goes from under the other: an iterate in which nothing touches ended the run as a wrong model."""
+    mesh = join(low=box((0.2, 0.1, 0.05), (4, 2, 1)), up=moved(box((0.1, 0.1, 0.05), (3, 2, 1)), (0.05, 0.0, 0.05)))
+    away = PrescribedDisplacement("low:bottom", (0.5, 0.0, 0.0), amplitude=[(0.0, 0.0), (1.0, 0.0), (2.0, 1.0)])
+    loads, contact = [Pressure("up:top", 1e3)], Contact("up:bottom", 0.1, against="low:top")
+    problem = ContactProblem(
+        mesh, RUBBER, [away], contact, loads, springs=[Spring("up:left", (1e7, 0.0, 0.0))], kinematics="large"
+    )
+    steps = LoadHistory([1.0, 2.0], halvings=0).steps(problem)
+    assert next(steps).solution.valid
+    with pytest.raises(StepFailed, match="the load step from 1 s to 2 s failed"):
+        next(steps)
