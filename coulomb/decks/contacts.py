@@ -269,6 +269,10 @@ def _refuse_strangers(of: Reading, interactions: Collection[str]) -> None:
                     raise card.fault("is read with INTERACTION alone")
             elif card.kind in _CHANGES.values() and card.kind != changing:
                 raise card.fault("stands in a step, but below no *CHANGE card that says of which interaction")
+            elif card.kind == "CONTACTINTERFERENCE":
+                if set(card.parameters) != {"SHRINK"} or step is not of.steps[0]:
+                    raise card.fault("is read with SHRINK alone, in the first step, at whose end it has gone")
+                of.notes.append("*CONTACT INTERFERENCE: faces that overlap press each other apart in the first step")
             elif card.kind == "MODELCHANGE" and card.key("TYPE").startswith("CONTACTPAIR"):
                 for row, words in card.rows(_PAIR):
                     one, other = map(key_of, _both(words))

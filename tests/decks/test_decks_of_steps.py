@@ -56,6 +56,7 @@ def test_a_jump_of_an_amplitude_is_kept(period, tmp_path):
         ("*CHANGE SURFACE BEHAVIOR, INTERACTION=s\n*SURFACE BEHAVIOR", "there is no .* 's'; .* 'SI'"),
         ("*CHANGE FRICTION, INTERACTION=si, RESET", "is read with INTERACTION alone"),
         ("*CHANGE FRICTION, INTERACTION=si\n*FRICTION, TAUMAX=1.\n.2", "another TAUMAX than before"),
+        ("*CONTACT INTERFERENCE\nslave, master, .1", "is read with SHRINK alone, in the first step"),
         ("*FRICTION\n.1", r"\*FRICTION: stands in a step, but below no \*CHANGE card"),
         ("*MODEL CHANGE, TYPE=CONTACT PAIR, REMOVE\nmaster, slave", "no contact pair of master, slave; .* other way"),
         ("*MODEL CHANGE, TYPE=CONTACT PAIR, REMOVE\nslave, mister", "no contact pair of slave, mister$"),
@@ -155,3 +156,19 @@ def test_nodes_that_nothing_follows(model, step, said, tmp_path):
         tables_of(tmp_path, CUBES + model + STEP.format(load + step))
     held = tables_of(tmp_path, CUBES + GROUND + STEP.format(load + "*BOUNDARY\n91, 3"))
     assert held.tables["spring"] == [{"nodes": [15], "stiffness": [0.0, 0.0, 9.0]}]
+
+
+def test_an_overlap_that_shrinks_is_an_interference(tmp_path):
+    """Cubes of 1 mm that overlap by 1 um between clamped ends: each is shortened by half of it, without sideways
+    strain, as Poisson's ratio is 0: a pressure of E times 0.001 over 2.001."""
+    deck = CUBES.replace("210000., .3", "210000., 0.").replace("top, 1, 2", "top, 1, 3")
+    for corner in (11, 12, 13, 14):
+        place = next(line for line in deck.splitlines() if line.startswith(f"{corner}, "))
+        deck = deck.replace(place, place.removesuffix("1") + ".999", 1)
+    shrinking = deck + STEP.format("*CONTACT INTERFERENCE, SHRINK\nslave, master")
+    assert any("press each other apart" in note for note in tables_of(tmp_path, shrinking).notes)
+    (tmp_path / "deck.inp").write_text(shrinking)
+    solution = read_case(tmp_path / "deck.inp").problem().solve()
+    assert solution.at_nodes.totals()["normal_force"] == pytest.approx(210000.0 * 0.001 / 2.001, rel=1e-6)
+    with pytest.raises(ValueError, match=r"line \d+: .* in the first step, at whose end it has gone"):
+        tables_of(tmp_path, deck + STEP.format("") + STEP.format("*CONTACT INTERFERENCE, SHRINK\nslave, master"))
