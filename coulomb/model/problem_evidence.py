@@ -25,7 +25,7 @@ from ..fem.contact import (
     rows_of,
     without_noise,
 )
-from ..fem.geometry import HELD_BELOW, RigidMotion, friction_frames, inverse_frames, on_all_ranks
+from ..fem.geometry import HELD_BELOW, RigidMotion, inverse_frames, on_all_ranks
 from ..linalg.reductions import Reductions, concatenated
 from ..solvers.laws import FrictionLaw
 from ..solvers.rigid_motions import NO_MOTION
@@ -262,7 +262,7 @@ def _face(
     points, n, x, H = points.only(free), n[free], x[free], H[free]
     gaps = without_noise(gaps[free], x, elasticity) + added[free]
     law = contact.law(points.before_deformation(x), points.area, time, slip_rate[points.nodes], comm)
-    frames = friction_frames(contact.axes, n, H, x, contact.face, comm)
+    frames = points.frames(contact.axes, n, H, x, contact.face)
     points = points.of(member, body.elasticity)
     others = face.beside(body.elasticity) if beside else None
     return points, frames, gaps, law, face.motion.since(then, x), others
@@ -274,6 +274,6 @@ def _pair(body: ContactBody, number: int, time: float, slip_rate: FloatArray, be
     place = pair.points.before_deformation(pair.x)
     gap = pair.gap + contact.gap_factor(time, comm) * contact.gap_at(place, comm)
     law = contact.law(place, pair.points.area, time, slip_rate[pair.points.nodes], comm)
-    frames = friction_frames(contact.axes, pair.n, pair.held, pair.x, pair.face, comm)
+    frames = pair.points.frames(contact.axes, pair.n, pair.held, pair.x, pair.face)
     others = body.held_in_pairs.at(number, time) if beside else None
     return pair.points, frames, gap, law, np.zeros_like(pair.x), others

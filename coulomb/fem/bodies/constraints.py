@@ -64,6 +64,10 @@ class Nodes(Shared, Protocol):
         """Their global numbers."""
         ...
 
+    def deformation(self, way: FloatArray) -> FloatArray:
+        """Deformation gradients at them after displacements (k, 3) in metres, shape (k, 3, 3)."""
+        ...
+
     def linear_between_vertices(self, values: FloatArray) -> FloatArray:
         """A nodal field that is linear on all edges and has these values (k,) or (k, d <= 3) at vertices."""
         ...

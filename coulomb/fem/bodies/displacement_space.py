@@ -19,7 +19,7 @@ from petsc4py import PETSc
 from ...arrays import FloatArray, Int32Array, IntArray
 from .. import compat
 from ..compat import fem, ufl
-from ..meshes import facet_columns, lagrange_points, lagrange_values
+from ..meshes import Exchange, facet_columns, lagrange_points, lagrange_values, owner_of, starts_of
 from .constraints import Numbering
 
 
@@ -162,6 +162,23 @@ class DisplacementSpace:
         """Nodal vectors (k, 3) at the nodes of the cells that this rank owns, shape (c, n, 3); collective."""
         cells = compat.cell_dofs(self.V)[: self.domain.topology.index_map(3).size_local]
         return self.function(vectors).x.array.reshape(-1, 3)[cells]
+
+    def deformation(self, way: FloatArray) -> FloatArray:
+        """Deformation gradients at this rank's nodes, moved by `way` (k, 3) in metres from before deformation, shape
+        (k, 3, 3): each of the affine map that is nearest to the motion of the cells around the node; collective."""
+        nodes = compat.cell_dofs(self.V)[: self.domain.topology.index_map(3).size_local]
+        before = self.in_cells_of(self.reference)
+        x, y = (of - of.mean(axis=1, keepdims=True) for of in (before, before + self.in_cells_of(way)))
+        products = np.stack([np.einsum("cni,cnj->cij", of, x) for of in (x, y)], axis=1)
+        here, at = np.unique(nodes, return_inverse=True)
+        sums = np.zeros((len(here), 2, 3, 3))
+        np.add.at(sums, at.reshape(nodes.shape), products[:, None])
+        numbers = self.global_numbers(here)
+        exchange = Exchange(self.comm, owner_of(starts_of(self.comm, self.numbering.local), numbers))
+        of_all = np.zeros((self._owned, 2, 3, 3))
+        np.add.at(of_all, exchange.send(numbers) - self.numbering.first, exchange.send(sums))
+        found: FloatArray = np.linalg.solve(of_all[:, 0], of_all[:, 1].transpose(0, 2, 1)).transpose(0, 2, 1)
+        return found
 
     def in_a_cell(self) -> FloatArray:
         """The middle of a cell that each of this rank's nodes belongs to, the mean of its nodes, metres, shape (k, 3):

@@ -265,6 +265,9 @@ class JoinedBodies(Deformable):
             return self.x
         return np.concatenate([one.body.reference for one in self._members])
 
+    def deformation(self, way: FloatArray) -> FloatArray:
+        return np.concatenate([one.body.deformation(way[one.nodes]) for one in self._members])
+
     def face(self, name: str, what: str) -> tuple[Member, Int32Array]:
         if self._mesh is None:
             return self._members[0], self._members[0].body.mesh.facets(name, what)

@@ -39,7 +39,7 @@ from ..bodies import (
     local_rows,
     matrix_product,
 )
-from ..geometry import held_length
+from ..geometry import FrictionAxes, friction_frames, held_length
 from ..meshes import Exchange, fetched, owner_of, starts_of
 from .facet_patch import facet_patch
 
@@ -248,6 +248,24 @@ class ContactPoints:
         """Where points that are at x (m, 3) now were before their bodies were deformed, metres; collective."""
         space = self.space
         return x if space.x is space.reference else x - self.average(space.x - space.reference)
+
+    def frames(
+        self,
+        axes: FrictionAxes | None,
+        n: FloatArray,
+        H: FloatArray,
+        x: FloatArray,
+        face: str,
+        u: FloatArray | None = None,
+    ) -> FloatArray:
+        """`friction_frames` of points that are at x (m, 3) now, after small displacements u (k, 3) of the nodes if they
+        are given, metres: axes and coefficients belong to the material; collective."""
+        space = self.space
+        if axes is None or (u is None and space.x is space.reference):
+            return friction_frames(axes, n, H, x, face, space.comm)
+        way = space.x - space.reference + (0.0 if u is None else u)
+        gradients = self.average(space.deformation(way).reshape(-1, 9)).reshape(-1, 3, 3)
+        return friction_frames(axes, n, H, x - self.average(way), face, space.comm, gradients)
 
     def gap(self, values: FloatArray) -> FloatArray:
         """The gap of each point by those at this rank's nodes (k,), metres, shape (m,): their average, but no less than

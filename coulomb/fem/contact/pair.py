@@ -20,7 +20,6 @@ from ..geometry import (
     FrictionAxes,
     Refused,
     RigidFoundation,
-    friction_frames,
     held_length,
     on_all_ranks,
 )
@@ -488,7 +487,7 @@ def pair_surface(
 ) -> ContactSurface:
     """The contact points of a pair as a surface; arguments as of `contact_surface`; collective."""
     given = gap_field(pair.points.before_deformation(pair.x))
-    frames = friction_frames(axes, pair.n, pair.held, pair.x, pair.face, elasticity.comm)
+    frames = pair.points.frames(axes, pair.n, pair.held, pair.x, pair.face)
     part = np.zeros(len(pair.x), dtype=np.int64)
     matrices = matrices_of(elasticity, pair.points, frames)
     gap = pair.gap + gap_factor * given

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...arrays import FloatArray, IntArray
 from ..bodies import Deformable, Member
-from ..geometry import FrictionAxes, friction_frames, on_all_ranks
+from ..geometry import FrictionAxes, on_all_ranks
 from ..meshes import fetched, starts_of
 from .contact_points import ContactPoints, among_all, contact_matrix, places_among
 from .facet_patch import FacetPatch
@@ -49,7 +49,7 @@ def slid_surface(
         points = replace(points, mirrored=_of_known(pair.points.mirrored, place))
     held, added = body.held.projector_at(local), _of_known(given, place)
     n = within(rows.normal, planes_of_symmetry(rows.normal, held, rows.node, one))
-    frames = friction_frames(axes, n, held, rows.x, pair.face, comm)
+    frames = points.frames(axes, n, held, rows.x, pair.face, u)
     B, chord = contact_matrix(points, frames), np.zeros_like(rows.x)
     gap = rows.gap(n) + added
     return ContactSurface((pair.face,), part, points, rows.x, frames, gap, added, B, B, False, (None,), chord)

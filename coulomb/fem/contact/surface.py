@@ -22,7 +22,6 @@ from ..geometry import (
     Refused,
     RigidFoundation,
     first_place,
-    friction_frames,
     held_length,
     inverse_frames,
     on_all_ranks,
@@ -261,7 +260,7 @@ def contact_surface(
         given[on_face] = gap_field(body.reference[on_face])
     field = points.average(given)
     gaps = without_rounding(distance + gap_factor * field, body.x, comm)
-    frames = friction_frames(axes, n, H, x, face, comm)
+    frames = points.frames(axes, n, H, x, face)
     part = np.zeros(len(x), dtype=np.int64)
     points = points.of(member, elasticity)
     matrices = matrices_of(elasticity, points, frames)

@@ -129,17 +129,23 @@ class FrictionAxes:
         on_all_ranks(check, what, comm)
         return values
 
-    def frames(self, n: FloatArray, H: FloatArray, x: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
-        """Rows n, t1 F1/F, t2 F2/F of points x (k, 3) with unit normals n (k, 3) and projectors onto their held
-        directions H (k, 3, 3), shape (k, 3, 3); collective.
+    def frames(
+        self, n: FloatArray, H: FloatArray, x: FloatArray, what: str, comm: MPI.Comm, deformation: FloatArray | None
+    ) -> FloatArray:
+        """Rows n, t1 F1/F, t2 F2/F of points with unit normals n (k, 3) and projectors onto their held directions H
+        (k, 3, 3), which were at x (k, 3) before a deformation with these gradients (k, 3, 3), shape (k, 3, 3);
+        collective.
 
-        t1 is the direction projected into the tangent plane, t2 = n x t1.  Where F1 = F2 they are `supported_frames`.
+        t1 is the deformed direction projected into the tangent plane, t2 = n x t1.  Where F1 = F2 they are
+        `supported_frames`.
 
         Raises:
             ValueError: On every rank, as `coefficients`, and if the direction is along a normal.
         """
         F = self.coefficients(x, what, comm)
         directions = evaluate_vectors(self.direction, x, f"{what}: direction", comm)
+        if deformation is not None:
+            directions = np.einsum("kij,kj->ki", deformation, directions)
         differ = F[:, 0] != F[:, 1]
 
         def scaled() -> FloatArray:
@@ -164,13 +170,20 @@ class FrictionAxes:
 
 
 def friction_frames(
-    axes: FrictionAxes | None, n: FloatArray, H: FloatArray, x: FloatArray, face: str, comm: MPI.Comm
+    axes: FrictionAxes | None,
+    n: FloatArray,
+    H: FloatArray,
+    x: FloatArray,
+    face: str,
+    comm: MPI.Comm,
+    deformation: FloatArray | None = None,
 ) -> FloatArray:
-    """Rows n, t1, t2 of points x (k, 3) of a contact face with unit normals n (k, 3) and projectors onto their held
-    directions H (k, 3, 3), shape (k, 3, 3), with the axes of orthotropic friction if there are any; collective."""
+    """Rows n, t1, t2 of points of a contact face with unit normals n (k, 3) and projectors onto their held directions H
+    (k, 3, 3), which were at x (k, 3) before deformation, with the axes of orthotropic friction if there are any
+    (`FrictionAxes.frames`), shape (k, 3, 3); collective."""
     if axes is None:
         return supported_frames(n, H)
-    return axes.frames(n, H, x, f"contact face {face!r}", comm)
+    return axes.frames(n, H, x, f"contact face {face!r}", comm, deformation)
 
 
 def held_length(directions: FloatArray, H: FloatArray) -> FloatArray:
