@@ -150,6 +150,7 @@ NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 SHOWN = {
     "block": ("contact problem", "certificate passed", "<img src=", "friction use"),
     "own_forms": ("certificate passed", "pad:bottom", "held by the clamp: [-43.2"),
+    "which_input": ("linear up to", "most by friction", "derivatives and differences agree: True", "image/png"),
     "hysteresis": ("21 load steps", "True that all steps are certified", "image/png"),
 }
 
