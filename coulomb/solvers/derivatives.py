@@ -46,8 +46,9 @@ _TIMES: Final = 10.0
 largest residual of a node."""
 
 _ATTEMPTS: Final = 30
-_SETTLED: Final = 1e-6
-"""Choices of the states of nodes on a border, and the change of an equation up to which they are found."""
+_SETTLED: Final = 1e-8
+"""Choices of the states of nodes on a border, and what their equations may leave over, over the largest change, where
+these are found.  States may be several: a node that slides as far as the step before keeps, and its bound with it."""
 
 _SLIGHT: Final = 1e-3
 """Derivative of the forces over these below which its accuracy is absolute: some are rounding errors."""
@@ -214,11 +215,14 @@ class AnswerDerivatives(SemismoothIteration):
             dx, u, dalpha = solved
             dw = self._constraints.without(-self._body.rows(u).reshape(-1, 3) / self._a - closing, dalpha)
             at, turned = border.along(dx, dw, bound)
-            other = np.any(at.status != self._at.status) or np.any(np.abs(at.P - self._at.P) > _SETTLED)
-            settled = not self._over.any(bool(other))
+            of_bound = np.where(border.rubbing[:, None], turned, of_bound)
+            left = at.apply(dx, dw)
+            left[:, 1:] -= of_bound
+            size = max(self._over.max(np.abs(dx).ravel()), _SLIGHT * self._over.max(np.abs(self._x).ravel()))
+            settled = self._over.max(np.abs(left[border.points]).ravel()) <= _SETTLED * size
             if settled:
                 break
-            self._at, of_bound = at, np.where(border.rubbing[:, None], turned, of_bound)
+            self._at = at
         self._at = answer
         return dx, dw, u, dalpha, settled
 

@@ -1,4 +1,4 @@
-"""Where derivatives are near to those of no answer, or of several: their condition, and soft springs."""
+"""Where derivatives are near to those of no answer, or of several, or on a border: their condition, soft springs, holds."""
 
 import numpy as np
 import pytest
@@ -95,3 +95,25 @@ def test_on_soft_springs_points_are_on_a_border_by_what_the_body_gives_way():
         return [one.step for one in found if "spring" not in one.name]
 
     assert changes(1e-8) == pytest.approx(changes(1e-4), rel=0.02)
+
+
+def test_a_step_in_which_nothing_moves_leaves_sliding_points_on_a_border():
+    """Held still after it has slid, a block has the derivatives of the step before, also as inputs fall."""
+    problem = coulomb.ContactProblem(
+        coulomb.box((1.0, 1.0, 0.5), (2, 2, 1)),
+        coulomb.Material(1e9, 0.3),
+        [coulomb.PrescribedDisplacement("top", (1e-2, 3e-3, 0.0), "xy", amplitude=[(0, 0), (1, 0), (2, 1), (3, 1)])],
+        coulomb.Contact("bottom", friction=0.3),
+        [coulomb.Pressure("top", 1e6, amplitude=[(0, 0), (1, 1), (3, 1)])],
+    )
+    found, slid = [], []
+    for step in coulomb.LoadHistory([1.0, 2.0, 3.0], tolerance=1e-12).steps(problem):
+        slid, found = found, step.solution.sensitivities(found)
+    assert len(slid) == len(found) == 4
+    for before, held in zip(slid, found, strict=True):
+        assert held.border > 0 and held.step > 1e-3, held.name
+        for side in (held, held.falling):
+            assert side.step > 1e-3, held.name
+            for of in ("contact_force", "displacement"):
+                then = getattr(before, of)
+                assert getattr(side, of) == pytest.approx(then, abs=1e-7 * np.abs(then).max()), (held.name, of)
