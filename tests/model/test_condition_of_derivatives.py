@@ -1,4 +1,4 @@
-"""Where derivatives are near to those of no answer, or of several, or on a border: their condition, soft springs, holds."""
+"""Where derivatives are near to those of no answer, of several, or on a border: condition, soft springs, holds."""
 
 import numpy as np
 import pytest
