@@ -33,6 +33,7 @@ from ..solvers.laws import FrictionLaw
 from ..units import amount
 from . import notebook
 from .certificate_scales import (
+    FAR_GONE,
     OF_ALL,
     ROUNDING,
     Scales,
@@ -202,6 +203,8 @@ def _of_part(e: Evidence, here: BoolArray, outer: FloatArray, length: float, tur
         ratio(force, worst(carries, k * length) or turnover)
         for force, carries, k in zip(np.abs(free.T @ sums), carried, stiff, strict=True)
     ]
+    if over.any(bool(np.any(outer[0]))):
+        turnover = min(turnover, FAR_GONE * over.sum(lengths(outer.reshape(-1, 3))))
     return balance, worst(0.0, *drifts, *(ratio(force, turnover) for force in np.abs(loose.T @ sums)))
 
 

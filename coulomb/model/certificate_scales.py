@@ -31,6 +31,10 @@ ROUNDING: Final = 1e8
 OF_ALL: Final = 1e-3
 """The forces on a body are judged by no less than this part of those on all."""
 
+FAR_GONE: Final = 100.0
+"""What lacks for the equilibrium of a loaded body that contact alone holds is judged by at most this multiple of all
+forces on it: one that nothing holds goes so far that rounding errors of its stiffness are larger than its load."""
+
 
 _LEAST_FORCE: Final = 1e-6
 """Contact forces on a body below this part of the largest are those of a body that only rests."""

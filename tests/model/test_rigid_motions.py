@@ -12,9 +12,15 @@ from coulomb import (
     ContactProblem,
     InteriorPoint,
     Material,
+    NotConverged,
     Plane,
+    RigidFace,
     SuccessiveTresca,
+    Tied,
+    Traction,
     box,
+    join,
+    moved,
     solve_coulomb,
     solve_tresca,
 )
@@ -266,3 +272,27 @@ def test_a_body_that_nothing_presses_is_moved_out_of_the_way(clearance, pressed)
         assert total == pytest.approx(2e11 * 5e-5, rel=1e-6) and np.ptp(up) == pytest.approx(5e-5, rel=1e-6)
     else:
         assert up == pytest.approx(1e-4, rel=1e-6)
+
+
+@pytest.mark.parametrize("follows", ["", "tied", "rigid"])
+def test_a_body_that_slides_out_between_walls_is_no_answer(follows):
+    """The walls press by 10 um and hold F times 4.5 kN, 4.5 N, at most, of 1 kN: the body went 1e11 m without a contact
+    force, where rounding errors of its stiffness are larger than its load, and all conditions held."""
+    lower = box((0.1, 0.1, 0.05), (3, 3, 2))
+    mesh = join(lower=lower, upper=moved(lower, (0.0, 0.0, 0.05))) if follows == "tied" else join(upper=lower)
+    walls = {"left": Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), "right": Plane((0.1, 0.0, 0.0), (-1.0, 0.0, 0.0))}
+    problem = ContactProblem(
+        mesh,
+        Material(1e9, 0.3),
+        contact=[
+            Contact(f"{body}:{side}", 1e-3, foundation=wall, gap=-1e-5)
+            for body in mesh.bodies
+            for side, wall in walls.items()
+        ],
+        tractions=[Traction("upper:top", (0.0, 0.0, -1e5))],
+        ties=[Tied("upper:bottom", "lower:top")] if follows == "tied" else [],
+        rigid_faces=[RigidFace("upper:top")] if follows == "rigid" else [],
+        small_strain="warn",
+    )
+    with pytest.raises(NotConverged, match="along -z with 1 kN, of which contact holds"):
+        problem.solve()
