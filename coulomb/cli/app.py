@@ -23,7 +23,7 @@ from ..io.atomic_output import finish_for_reader
 from ..io.run_directory import CASE, RunDirectory
 from ..ranks import launched, on_rank_0
 from ..version import __version__
-from .case_commands import Changes, Ignored, case_of, check_case, contacts, convert, import_deck, new
+from .case_commands import Changes, Ignored, case_of, check_case, contacts, convert, import_deck, named_directory, new
 from .console import BAD_INPUT, CRASHED, EXIT_CODES, FAILED, bad_input, fail, refuse_ranks, showing_messages
 from .console import console as _console
 from .picture_commands import drawing_soon, plot, report
@@ -78,6 +78,8 @@ def run(
         Path | None,
         typer.Option(
             "--output",
+            parser=named_directory,
+            metavar="DIRECTORY",
             help="Directory of the results, in place of the case's output.directory.  Those that are there are kept as "
             "DIRECTORY.previous.",
         ),

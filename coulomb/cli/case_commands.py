@@ -124,10 +124,20 @@ def new(
     console.out(f"{target} written; next: {then} {target}")
 
 
+def named_directory(given: str) -> Path:
+    """The directory of `--output`, which is not empty, as that of an unset variable, which would be the current one."""
+    with bad_input():
+        if not given:
+            raise ValueError('--output should name a directory, as results/block, or "." for this one, but is empty')
+    return Path(given)
+
+
 def check_case(
     case: Annotated[Path, typer.Argument(help="Case file, TOML.", metavar="CASE.toml")],
     changes: Changes = None,
-    directory: Annotated[Path | None, typer.Option("--output", help="As for coulomb run.")] = None,
+    directory: Annotated[
+        Path | None, typer.Option("--output", parser=named_directory, metavar="DIRECTORY", help="As for coulomb run.")
+    ] = None,
     ignored: Ignored = None,
 ) -> None:
     """Validate a case without solving it, and estimate memory and disk; 0 if it can be run, 2 if not.

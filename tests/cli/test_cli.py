@@ -99,6 +99,8 @@ def test_an_unforeseen_error_on_one_rank_ends_all(tmp_path, error):
         ("export case.toml there/x.hdf5", "there is no folder there"),
         ("fclib none.hdf5 --tolerance nan", "--tolerance"),
         ("fclib none.hdf5 --tolerance 2", "--tolerance"),
+        ("run case.toml --output=", "--output should name a directory"),
+        ("check-case case.toml --output=", "--output should name a directory"),
     ],
 )
 def test_wrong_options(command, message, small_cases):
