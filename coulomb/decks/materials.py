@@ -44,6 +44,13 @@ def material_of(section: Card, cards: list[Card], ends: tuple[float, float] | No
     return table
 
 
+def has_several(card: Card) -> bool:
+    """Whether a card has constants at several temperatures."""
+    by_temperature = card.kind in ("ELASTIC", "EXPANSION", "CONDUCTIVITY")
+    isotropic = card.kind != "ELASTIC" or (card.key("TYPE") or "ISO").startswith("ISO")
+    return by_temperature and len(card.lines) > (1 if isotropic else 2)
+
+
 def _at(card: Card, count: int, temperature: float | None) -> FloatArray:
     """So many constants at a temperature: linear between the lines, constant outside; without a temperature those of
     the first line."""

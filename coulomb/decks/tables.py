@@ -21,7 +21,7 @@ from .fates import REFUSED, Row, fates, refuse_misplaced
 from .geometry import SECTION, Geometry, read_geometry
 from .heat import Heat
 from .loads import Loads
-from .materials import directions_of, material_of
+from .materials import directions_of, has_several, material_of
 from .nodes import NodalTables
 from .reading import Reading
 from .springs import spring_tables
@@ -247,12 +247,16 @@ class _Translator:
         if found is None:
             return None
         start, end = found
-        by_temperature = [card for card in material if card.kind in ("ELASTIC", "EXPANSION") and len(card.lines) > 1]
-        if np.ptp(end) and by_temperature:
+        first = next((card.line for card in material if has_several(card)), None)
+        if first is not None and np.ptp(end):
             self.notes.append(
-                f"line {by_temperature[0].line}: constants by temperature are those of the mean, {end.mean():g}, of "
+                f"line {first}: constants by temperature are those of the mean, {end.mean():g}, of "
                 f"{end.min():g} to {end.max():g}"
             )
+        times = [time for step in self.of.steps for time in step.ends]
+        if first is not None and (self.of.heated or self.temperatures.differ_at(times, elements)):
+            which = f"{'start' if self.of.heated else 'end'}, {end.mean():g}"
+            self.notes.append(f"line {first}: constants by temperature are those of the {which}, in all load steps")
         return float(start.mean() if np.ptp(start) else start[0]), float(end.mean() if np.ptp(end) else end[0])
 
     def _of_cells(self, materials: list[tuple[str, IntArray, dict[str, Any]]], numbers: IntArray) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final
@@ -123,6 +124,14 @@ class Temperatures:
             courses, of_node = self._courses
             end = np.array([one.track.value() for one in courses])[of_node[where]]
         return start, end
+
+    def differ_at(self, times: Sequence[float], elements: IntArray) -> bool:
+        """Whether the nodes of some elements have other temperatures at one of these times than at another."""
+        if self._courses is None:
+            return False
+        courses, of_node = self._courses
+        here = np.unique(of_node[np.searchsorted(self.nodes, self._of.nodes_of(elements))])
+        return any(len({value_at(tuple(courses[k].track.rows), time) for time in times}) > 1 for k in here)
 
     def tables(self) -> dict[str, Any]:
         """The table [temperature]; empty where nothing changes.

@@ -172,3 +172,18 @@ def test_an_overlap_that_shrinks_is_an_interference(tmp_path):
     assert solution.at_nodes.totals()["normal_force"] == pytest.approx(210000.0 * 0.001 / 2.001, rel=1e-6)
     with pytest.raises(ValueError, match=r"line \d+: .* in the first step, at whose end it has gone"):
         tables_of(tmp_path, deck + STEP.format("") + STEP.format("*CONTACT INTERFERENCE, SHRINK\nslave, master"))
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [((70.0,), ""), ((70.0, 70.0), ""), ((120.0, 70.0), "the end, 70"), ((120.0, 20.0), "the end, 20")],
+)
+def test_constants_by_temperature_are_those_of_one(values, said, tmp_path):
+    """The run says so where load steps have other temperatures: their answers are those of other moduli."""
+    own = "*ELASTIC\n1000., .3, 20.\n2000., .3, 120.\n*EXPANSION, ZERO=20.\n1.e-5\n"
+    text = CUBES.replace("*ELASTIC\n210000., .3\n", own) + "*INITIAL CONDITIONS, TYPE=TEMPERATURE\nall, 20.\n"
+    found = tables_of(tmp_path, text + steps(*(f"*TEMPERATURE\nall, {value}" for value in values)))
+    assert found.tables["material"]["young"] == 1000.0 + 10.0 * (values[-1] - 20.0)
+    assert [note.split("those of ")[1] for note in found.notes if "by temperature" in note] == (
+        [f"{said}, in all load steps"] if said else []
+    )
