@@ -111,13 +111,11 @@ def refuse_another_case(case: Case, directory: Path, number: int, comm: MPI.Comm
         ValueError: On every rank, with the differences, if there are other changes.
     """
     step = RunDirectory(directory).step(number).path
-    before = read_summary(step, comm)["step"].get("case")
-    if not isinstance(before, dict) or not {"tables", "files"} <= before.keys():
-        raise ValueError(f"{step}: has no record of the case it was computed from; run the case again")
     try:
-        changed, free = changes_of_case(before, case, comm)
-    except ValidationError:
-        raise ValueError(f"{step}: was computed by another version of coulomb; run the case again") from None
+        changed, free = changes_of_case(read_summary(step, comm)["step"]["case"], case, comm)
+    except (KeyError, TypeError, AttributeError, ValidationError):
+        without = "has no record of the case it was computed from, or that of another version of coulomb"
+        raise ValueError(f"{step}: {without}; run the case again") from None
     if changed:
         listed = "; ".join(changed[:5]) + (f"; and {len(changed) - 5} more" if len(changed) > 5 else "")
         raise ValueError(

@@ -94,17 +94,14 @@ def _take(path: Path) -> int:
         ) from None
     except OSError:  # a file system without locks
         pass
-    try:
-        same = os.path.samestat(os.stat(path), os.fstat(descriptor))
-    except FileNotFoundError:
-        same = False
-    if not same:  # it was released, and removed, in the meantime
-        os.close(descriptor)
-        return _take(path)
-    os.ftruncate(descriptor, 0)
-    with suppress(OSError):  # a full disk: what the message would say
+    with suppress(OSError):  # a full disk: what the message would say; or it was removed
+        os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, f"{_this_process()}\n".encode(), 0)
-    return descriptor
+    with suppress(FileNotFoundError):
+        if os.path.samestat(os.stat(path), os.fstat(descriptor)):
+            return descriptor
+    os.close(descriptor)  # it was released, and removed, in the meantime
+    return _take(path)
 
 
 def in_use(directory: Path) -> bool:
