@@ -89,8 +89,12 @@ class Comparison:
             self.faults += [f"{in_files((*place, key))}: is missing" for key in expected if key not in written]
             self.left += [(*place, key) for key in written if key not in expected]
             keys = [key for key in expected if key in written]
-        elif isinstance(expected, list) and isinstance(written, list) and len(expected) == len(written):
-            keys = list(range(len(expected)))
+        elif isinstance(expected, list) and isinstance(written, list):
+            keys = list(range(min(len(expected), len(written))))
+            if len(expected) != len(written):
+                self.faults.append(
+                    f"{in_files(place)}: has {len(written)} entries, but {len(expected)} follow from {source}"
+                )
         elif said := _difference(written, expected, others, place, scales):
             of = _GIVEN.get(str(place[-1]), source) if place[0] in FIELDS else source
             self.faults.append(f"{in_files(place)}: {said[0]}, but {said[1]} follows from {of}{said[2]}")

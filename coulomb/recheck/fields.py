@@ -104,8 +104,8 @@ def sound(files: RunDirectory) -> tuple[dict[str, Any], Grids, dict[str, float]]
     """The summary of a run whose files are all there, and the grids and times of these.
 
     Raises:
-        ValueError: If a file is missing, cannot be read, is not that of its data, or has a damaged mesh, or fields that
-            do not match it or have entries that are not finite.
+        ValueError: If a file is missing, cannot be read, is not that of its data, or has a damaged mesh, or fields with
+            entries that are not finite.
     """
     contents = files.read_summary(
         ("law", "mean_compliance", "totals", "certificate", "method", "iterations", "residual", "faces")
@@ -126,8 +126,6 @@ def sound(files: RunDirectory) -> tuple[dict[str, Any], Grids, dict[str, float]]
         raise ValueError(f"{files.path}: is incomplete: {error}") from None
     for name, grid in ((name, grid) for name, grids in found.items() for grid in grids.values()):
         for one, values in grid.fields.items():
-            if len(values) != len(grid.cells if one in grid.on_cells else grid.points):
-                raise ValueError(f"{data_of(files.path / name)}: {one} does not match the mesh")
             if not np.all(np.isfinite(values)):
                 raise ValueError(f"{data_of(files.path / name)}: {one} has entries that are not finite")
     return contents, found, times
