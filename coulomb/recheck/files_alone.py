@@ -15,7 +15,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..contact_fields import COMPLIANCES, sides_of
+from ..contact_fields import ANSWER, COMPLIANCES, sides_of
 from ..fem.geometry import inverse_frames
 from ..fem.meshes import SEPARATOR
 from ..io.field_files import NODE, OPPOSITE, WHOLE, Grid, data_of
@@ -68,7 +68,7 @@ def check_alone(files: RunDirectory, why: str) -> Findings:
     around = {file: {name: near(of) for name, of in there.items()} for file, there in grids.items()}
     (at, answer, forces), (_, other, near_them) = (_contact(files, contents, of) for of in (grids, around))
     written, fields = _fields(at, answer)
-    found.tree(written, fields, [{**_fields(at, other)[1], "status": None}], (CONTACT, WHOLE))
+    found.tree(written, fields, [{**_fields(at, other)[1], "status": None}], (CONTACT, WHOLE), ANSWER)
     numbers = _numbers(contents, grids, answer, forces)
     strain = contents.get("small_strain") or {}
     violations = () if strain.get("accepted") else tuple(strain.get("violations", ()))

@@ -122,6 +122,15 @@ def test_the_files_alone_tell(copy, file, field, function, fault):
     assert any(line.startswith("not judged without the problem: equilibrium") for line in found.trusted)
 
 
+def test_totals_of_a_face_follow_from_the_files_alone(copy):
+    def spoil(contents):
+        contents["faces"][0]["normal_force"] *= 1.0 + 1e-6
+
+    edit(copy / "summary.json", spoil)
+    (fault,) = check(copy).faults
+    assert fault.startswith("summary.json.faces[0].normal_force: ") and fault.endswith(" follows from the fields")
+
+
 def test_a_certificate_beyond_its_limits(copy):
     edit(copy / "summary.json", lambda contents: contents["certificate"]["equilibrium"].update(value=1.0))
     faults = check(copy).faults
