@@ -121,7 +121,7 @@ def _fields(at: Fields, answer: NodalAnswer) -> tuple[dict[str, Field], dict[str
     the files, and as they follow."""
     force, bound, fields = answer.force, answer.bound, answer.fields()
     largest, none = float(np.max(np.abs(force), initial=0.0)), np.zeros(len(force))
-    pairs = {name: (at[name], fields[name], 0.0) for name in _FIELDS}
+    pairs: dict[str, tuple[Any, Any, float]] = {name: (at[name], fields[name], 0.0) for name in _FIELDS}
     pairs["length of normal"] = np.linalg.norm(answer.frames[:, 0], axis=1), none + 1.0, 0.0
     pairs["tension"] = np.maximum(-force[:, 0], 0.0), none, 1e-6 * largest
     beyond = np.maximum(np.hypot(force[:, 1], force[:, 2]) - bound, 0.0)
