@@ -104,31 +104,41 @@ def contact_along_places(answer: DiscreteProblem, values: Callable[[ContactState
         )
         slight = _KINK * size  # at a kink the differences are accurate to the first order of the shift
     for _ in range(_RINGS):
-        found = _by_colours(rows, change, _OTHER * size)
-        if found is not None and abs(float(np.sum(whole)) - float(np.vdot(found, ways))) <= slight:
-            return found[first : first + len(body.x)]
+        site, colours = np.arange(rows.shape[0]), colours_of(rows)
+        found = by_colours(rows, site, colours, change, lambda of: bool(np.any(np.abs(of) > _OTHER * size)))
+        if found is not None and abs(float(np.sum(whole - found @ ways.ravel()))) <= slight:
+            return np.asarray(found.sum(axis=0)).reshape(-1, 3)[first : first + len(body.x)]
         rows = pattern(rows @ beside)
     raise ValueError("along places: what contact points owe to them is not of nodes near")
 
 
-def _by_colours(
-    rows: scipy.sparse.csr_matrix, change: Callable[[FloatArray], FloatArray], slight: float
-) -> FloatArray | None:
-    """Derivatives of the sum along the places of nodes of all ranks, shape (nodes, 3), where points depend on the nodes
-    in their rows alone; None if a value changes by more with others; collective."""
-    found, colours = np.zeros((rows.shape[1], 3)), colours_of(rows)
+def by_colours(
+    sites: scipy.sparse.csr_matrix,
+    site: npt.NDArray[np.int64],
+    colours: npt.NDArray[np.int64],
+    along: Callable[[FloatArray], FloatArray],
+    counts: Callable[[FloatArray], bool],
+) -> scipy.sparse.csr_matrix | None:
+    """The matrix (v, 3 nodes) of values `along` ways (nodes, 3) of the nodes of all ranks, shape (v,), which owe to the
+    nodes in the row of their `site` alone (s, nodes), of which no two have the same colour; None if what is owed to
+    others counts; collective."""
+    triplets = [np.zeros((3, 0))]
     for colour in range(int(colours.max(initial=-1)) + 1):
         moved = np.flatnonzero(colours == colour)
-        of = rows[:, moved].tocoo()
+        of = sites[:, moved].tocoo()
+        column = np.full(sites.shape[0], -1)
+        column[of.row] = moved[of.col]
         for axis in range(3):
-            way = np.zeros_like(found)
+            way = np.zeros((sites.shape[1], 3))
             way[moved, axis] = 1.0
-            by = change(way)
-            found[moved, axis] = np.bincount(of.col, by[of.row], minlength=len(moved))
-            by[of.row] = 0.0
-            if np.max(np.abs(by), initial=0.0) > slight:
+            values = along(way)
+            known = (column[site] >= 0) & (values != 0.0)
+            if counts(np.where(known, 0.0, values)):
                 return None
-    return found
+            rows = np.flatnonzero(known)
+            triplets.append(np.array([values[rows], rows, 3 * column[site[rows]] + axis]))
+    entries, at, columns = np.concatenate(triplets, axis=1)
+    return scipy.sparse.csr_matrix((entries, (at.astype(int), columns.astype(int))), (len(site), 3 * sites.shape[1]))
 
 
 def nodes_of_points(answer: DiscreteProblem) -> scipy.sparse.csr_matrix:

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 
 from ..arrays import FloatArray
@@ -19,7 +18,7 @@ from ..linalg.reductions import Reductions
 from ..solvers.derivatives import Change
 from .discrete_problem import DiscreteProblem
 from .geometric_terms import Terms
-from .shape_gradient import colours_of, nodes_beside, nodes_of_points, pattern
+from .shape_gradient import by_colours, colours_of, nodes_beside, nodes_of_points, pattern
 
 _RINGS: Final = 4
 """Rings of facets around the nodes of a row on which it depends at most."""
@@ -60,14 +59,21 @@ class TransposedTerms:
         whole = self._stacked(way)
         internal = over.max(np.abs(body.internal_force(way[first : first + len(body.x)])).ravel())
         limits = np.maximum(self._sizes(whole), [max(force, _ROUNDING * internal), 1.0, 1.0, force, force])
+
+        def counts(stacked: FloatArray) -> bool:
+            return bool(np.any(self._sizes(stacked) > _OTHER * limits))
+
+        k, m = len(body.x), len(problem.surface.nodes)
+        at_nodes, at_points = np.repeat(np.arange(k), 3), k + np.repeat(np.arange(m), 3)
+        site = np.concatenate([at_nodes, at_nodes, at_points, k + np.arange(m), at_points])
         rows = points
         for _ in range(_RINGS):
             rows = pattern(rows @ beside)
             of_nodes = pattern(beside + points.T @ rows)
             sites = scipy.sparse.vstack([of_nodes[first : first + len(body.x)], rows[own]], format="csr")
             colours = colours_of(scipy.sparse.vstack([of_nodes, rows], format="csr"))
-            found = self._by_colours(sites, colours, _OTHER * limits)
-            if found is not None and not np.any(self._sizes(whole - found @ way.ravel()) > _OTHER * limits):
+            found = by_colours(sites, site, colours, self._stacked, counts)
+            if found is not None and not counts(whole - found @ way.ravel()):
                 self._matrix = found
                 return
         raise ValueError("gradients: what contact owes to the displacement is not of nodes near, or has a kink")
@@ -91,28 +97,3 @@ class TransposedTerms:
     def _sizes(self, stacked: FloatArray) -> FloatArray:
         """The largest entry of every kind over all ranks."""
         return np.array([max(self._over.max(np.abs(one)), 0.0) for one in np.split(stacked, self._ends)])
-
-    def _by_colours(
-        self, sites: scipy.sparse.csr_matrix, colours: npt.NDArray[np.int64], slight: FloatArray
-    ) -> scipy.sparse.csr_matrix | None:
-        """The matrix, if rows owe to nothing but the nodes of their site; None else; collective."""
-        k, m = len(self._body.x), sites.shape[0] - len(self._body.x)
-        at_nodes, at_points = np.repeat(np.arange(k), 3), k + np.repeat(np.arange(m), 3)
-        site = np.concatenate([at_nodes, at_nodes, at_points, k + np.arange(m), at_points])
-        total, triplets = sites.shape[1], []
-        for colour in range(int(colours.max(initial=-1)) + 1):
-            moved = np.flatnonzero(colours == colour)
-            of = sites[:, moved].tocoo()
-            column = np.full(sites.shape[0], -1)
-            column[of.row] = moved[of.col]
-            for axis in range(3):
-                way = np.zeros((total, 3))
-                way[moved, axis] = 1.0
-                values = self._stacked(way)
-                known = (column[site] >= 0) & (values != 0.0)
-                if np.any(self._sizes(np.where(known, 0.0, values)) > slight):
-                    return None
-                rows = np.flatnonzero(known)
-                triplets.append(np.array([values[rows], rows, 3 * column[site[rows]] + axis]))
-        entries, at, columns = np.concatenate(triplets, axis=1) if triplets else np.zeros((3, 0))
-        return scipy.sparse.csr_matrix((entries, (at.astype(int), columns.astype(int))), (len(site), 3 * total))
