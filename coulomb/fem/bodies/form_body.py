@@ -16,7 +16,7 @@ from ...arrays import FloatArray
 from .. import compat
 from ..compat import fem, ufl
 from ..geometry import on_all_ranks
-from ..meshes import boundary_facets
+from ..meshes import boundary_facets, bounds
 from .coefficients import along_coefficient
 from .compiled_form import compiled, with_own_degrees
 from .constraints import DirichletConditions, diagonal_of, rows_of
@@ -236,8 +236,7 @@ class FormBody(SingleBody):
     def _stiffer(self) -> tuple[float, float]:
         """Bulk over shear modulus, as means, and the energy of bending over that of this shear modulus; collective."""
         comm, outward = self.mesh.comm, self.normal_of(boundary_facets(self.domain))
-        ends = [np.max(comm.allgather(np.max(x, axis=0, initial=-np.inf)), axis=0) for x in (self.x, -self.x)]
-        low, high = -ends[1], ends[0]
+        low, high = bounds(comm, self.x)
         x, order = self.x - 0.5 * (low + high), np.argsort(high - low)
         z, along = x[:, order[0]], x[:, order[2]]
         sheared, bent = np.zeros((2, *x.shape))

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from ...arrays import FloatArray, IntArray, in_words
 from ...nearest import tree_of
 from .. import compat
-from ..meshes import SAME_PLACE, Exchange, NamedMesh, Slabs, corners_of
+from ..meshes import SAME_PLACE, Exchange, NamedMesh, Slabs, bounds, corners_of
 from .deformable import Deformable
 from .displacement_space import DisplacementSpace
 
@@ -44,8 +44,7 @@ def unjoined_parts(bodies: Deformable, pairs: Iterable[tuple[str, str]]) -> list
 def _beside(mesh: NamedMesh, corners: IntArray) -> FloatArray:
     """This rank's places at which components touch that are not at these nodes of any rank; collective."""
     x, comm = mesh.domain.geometry.x, mesh.comm
-    ends = np.array([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
-    near = 2.0 * SAME_PLACE * float(np.linalg.norm(np.min(comm.allgather(ends), axis=0).sum(axis=0)))
+    near = 2.0 * SAME_PLACE * float(np.linalg.norm(np.ptp(bounds(comm, x), axis=0)))
     slabs, on_faces = Slabs(comm, mesh.touching), x[np.unique(corners)]
     point, slab = slabs.near(on_faces, near)
     on_faces = Exchange(comm, slab).send(on_faces[point])

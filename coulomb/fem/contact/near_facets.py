@@ -18,7 +18,7 @@ from mpi4py import MPI
 from ...arrays import BoolArray, FloatArray, Int32Array, IntArray
 from ...nearest import tree_of
 from ..bodies import DisplacementSpace
-from ..meshes import Exchange, fetched, owner_of, starts_of
+from ..meshes import Exchange, bounds, fetched, owner_of, starts_of
 from .facet_patch import FacetKind, FacetPatch, facet_patch, mean_normals
 from .mortar import RINGS, Search, search_of
 from .mortar_parts import FACING, Cells, Most, cells_of
@@ -177,7 +177,7 @@ def near_pair(
 ) -> NearPair:
     """What this rank needs of a pair, of the facets and numbers of nodes that it has of the slave and of the master,
     with penetrations up to the deepest in metres; collective."""
-    ends = [_bounds(patch, comm) for patch in (slave, master)]
+    ends = [bounds(comm, patch.x.reshape(-1, 3)) for patch in (slave, master)]
     size = float(np.max(np.abs(ends[0]), initial=0.0, where=np.isfinite(ends[0])))
     extents = [high - low if np.all(np.isfinite(low)) else np.zeros(3) for low, high in ends]
     starts = [starts_of(comm, count) for count in nodes]
@@ -226,14 +226,6 @@ def _face_of_rows(like: FacetPatch, rows: Rows, largest: float) -> NearFace:
     curved = None if like.curved is None else rows["curved"].copy()
     patch = FacetPatch(like.kind, nodes, rows["x"].copy(), len(numbers), curved)
     return NearFace(patch, numbers, rows["bulge"].copy(), largest)
-
-
-def _bounds(patch: FacetPatch, comm: MPI.Comm) -> FloatArray:
-    """Lowest and highest coordinates of a face, shape (2, 3), infinite if there is none; collective."""
-    x = patch.x.reshape(-1, 3)
-    mine = np.array([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
-    low, high = np.min(comm.allgather(mine), axis=0)
-    return np.array([low, -high])
 
 
 def _rows_with_bulges(patch: FacetPatch, starts: IntArray, comm: MPI.Comm) -> Rows:

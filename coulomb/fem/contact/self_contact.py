@@ -21,7 +21,7 @@ from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from ...arrays import BoolArray, FloatArray, Int32Array, IntArray
 from .. import compat
 from ..bodies import DisplacementSpace
-from ..meshes import NamedMesh, boundary_facets
+from ..meshes import NamedMesh, boundary_facets, neighbours
 from .closest_points import facets_of, gathered, hits
 
 _TOUCHES: Final = 1e-3
@@ -80,7 +80,7 @@ def two_sides(
     number[own] = np.arange(len(own))
     opposite, wall = number[before.facet], number[behind.facet]
     conditions = [(np.flatnonzero(other >= 0), other[other >= 0]) for other in (opposite, wall)]
-    conditions.append(_neighbours(of.nodes[own, : of.corners]))
+    conditions.append(neighbours(of.nodes[own, : of.corners]))
     one, other = (np.concatenate(ends) for ends in zip(*conditions, strict=True))
     kind = np.repeat(np.arange(3), [len(ends[0]) for ends in conditions])
     way = np.where(opposite >= 0, np.abs(before.way), np.inf)
@@ -93,15 +93,6 @@ def two_sides(
     mine = first[sum(counts[: comm.rank]) :][: counts[comm.rank]]
     depth = _OF_WALL * float(np.min(np.abs(behind.way), initial=np.inf))
     return TwoSides(outer[on_face][mine], outer[on_face][~mine], depth, meet)
-
-
-def _neighbours(corners: IntArray) -> tuple[IntArray, IntArray]:
-    """Pairs of facets with a common edge, by the nodes of their corners (f, c)."""
-    edges = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    edge, facet = np.unique(edges, axis=0, return_inverse=True)[1].ravel(), np.arange(len(edges)) // corners.shape[1]
-    order = np.argsort(edge, kind="stable")
-    both = np.flatnonzero(np.diff(edge[order]) == 0)
-    return facet[order[both]], facet[order[both + 1]]
 
 
 def _first_side(one: IntArray, other: IntArray, differ: BoolArray, places: FloatArray) -> BoolArray:

@@ -5,7 +5,7 @@ joined, refined and made of first or second order.  Nodal fields in files belong
 from .coarsening import coarsened
 from .comparison import coarser_meshes, finer, same_cells, smaller_cells
 from .curving import CurvedFaces, few_chords, split
-from .exchange import Exchange, Slabs, even_starts, fetched, owner_of, starts_of
+from .exchange import Exchange, Slabs, bounds, even_starts, fetched, owner_of, starts_of
 from .inspection import InspectedMesh, inspect
 from .lagrange import (
     corner_geometry,
@@ -18,7 +18,7 @@ from .lagrange import (
     nodes_between,
 )
 from .mesh_file import MeshFile
-from .mesh_parts import SAME_PLACE, boundary_facets, corners_of, local_facets
+from .mesh_parts import SAME_PLACE, boundary_facets, corners_of, local_facets, neighbours
 from .meshes import box, distributed, first_order, known_format, polygon, read_file, read_mesh, read_xdmf, second_order
 from .named_mesh import SEPARATOR, JoinedMesh, NamedMesh, moved, volume, with_surfaces
 from .nodal_field import NodalField

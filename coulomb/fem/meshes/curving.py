@@ -31,7 +31,7 @@ from ...nearest import tree_of
 from .. import compat
 from .exchange import global_numbers, starts_of
 from .lagrange import corner_geometry, facet_columns, lagrange_points, lagrange_values
-from .mesh_parts import boundary_facets, corners_of, distinct, local_cells, local_facets
+from .mesh_parts import boundary_facets, corners_of, distinct, local_cells, local_facets, neighbours
 from .named_mesh import NamedMesh
 
 CREASE = math.radians(40.0)
@@ -126,11 +126,12 @@ _ROUNDS: Final = 5
 """Newton steps towards a surface, which double the number of digits: from a tenth of its radius to rounding errors."""
 
 
-def _own_boundary(domain: Any) -> tuple[Int32Array, Int32Array, IntArray]:
-    """Boundary facets of this rank's own cells, these cells, and which of their sides the facets are, shapes (f,)."""
+def _own_boundary(domain: Any, facets: Int32Array | None = None) -> tuple[Int32Array, Int32Array, IntArray]:
+    """Those facets on the boundary, by default of all, that are of this rank's own cells, these cells, and which of
+    their sides the facets are, shapes (f,)."""
     for dims in ((2, 3), (3, 2)):
         domain.topology.create_connectivity(*dims)
-    facets, cell_of = boundary_facets(domain), domain.topology.connectivity(2, 3)
+    facets, cell_of = boundary_facets(domain) if facets is None else facets, domain.topology.connectivity(2, 3)
     cells = cell_of.array[cell_of.offsets[facets]]
     own = cells < domain.topology.index_map(3).size_local
     facets, cells = facets[own], cells[own]
@@ -159,11 +160,7 @@ def few_chords(mesh: NamedMesh) -> dict[str, float]:
             continue
         corners, x = _boundary(mesh, facets)
         normal = unit_vectors(np.cross(x[:, 1] - x[:, 0], x[:, -1] - x[:, 0]))
-        ends = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-        number = distinct(ends)[1]
-        order = np.argsort(number, kind="stable")
-        same = np.flatnonzero(np.diff(number[order]) == 0)
-        one, other = order[same] // corners.shape[1], order[same + 1] // corners.shape[1]
+        one, other = neighbours(corners)
         angle = np.arccos(np.clip(np.einsum("ki,ki->k", normal[one], normal[other]), -1.0, 1.0))
         steep = (angle > CREASE) & (angle < CORNER)
         if len(np.union1d(one[steep], other[steep])) > 0.5 * len(corners):
@@ -175,12 +172,7 @@ def _boundary(mesh: NamedMesh, facets: Int32Array | None = None) -> tuple[IntArr
     """Corners of facets on the boundary, by default of all, in cyclic order, with normals outwards, shape (f, 3 or 4),
     and their places, shape (f, 3 or 4, 3); the same on every rank; collective."""
     domain, comm = mesh.domain, mesh.comm
-    every = boundary_facets(domain)
-    facets = every if facets is None else np.asarray(facets)
-    cell_of = domain.topology.connectivity(2, 3)
-    cells = cell_of.array[cell_of.offsets[facets]]
-    own = cells < domain.topology.index_map(3).size_local
-    facets, cells = facets[own], cells[own]
+    facets, cells, _ = _own_boundary(domain, facets)
     local = corners_of(domain, facets)
     if local.shape[1] == 4:
         local = local[:, [0, 1, 3, 2]]

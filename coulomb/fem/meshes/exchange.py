@@ -96,6 +96,13 @@ def fetched(
     return ask.reply(rows[ask.send(wanted) - starts[comm.rank]])[inverse.reshape(numbers.shape)]
 
 
+def bounds(comm: MPI.Comm, x: FloatArray) -> FloatArray:
+    """Lowest and highest coordinates of the places x (k, 3) of all ranks, shape (2, 3), infinite if there are none;
+    collective."""
+    ends = np.array([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
+    return np.min(comm.allgather(ends), axis=0) * [[1.0], [-1.0]]
+
+
 class Slabs:
     """A division of space into one slab per rank, with about as many points of all ranks in each; collective."""
 

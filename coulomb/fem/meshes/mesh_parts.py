@@ -15,7 +15,7 @@ from ...arrays import BoolArray, FloatArray, Int32Array, IntArray, distinct, in_
 from ...nearest import tree_of
 from .. import compat
 from ..compat import mesh
-from .exchange import Exchange, Slabs, even_starts, fetched, owner_of
+from .exchange import Exchange, Slabs, bounds, even_starts, fetched, owner_of
 from .lagrange import corner_geometry
 
 
@@ -87,6 +87,15 @@ def corners_of(domain: Any, facets: Int32Array) -> IntArray:
     of_vertex[vertices] = of_cell.ravel()
     of_facet = topology.connectivity(2, 0).array.reshape(-1, 3 if of_cell.shape[1] == 4 else 4)
     return of_vertex[of_facet[facets]]
+
+
+def neighbours(corners: IntArray) -> tuple[IntArray, IntArray]:
+    """Pairs of facets with a common edge, by the nodes of their corners (f, c)."""
+    edges = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    edge, facet = distinct(edges)[1], np.arange(len(edges)) // corners.shape[1]
+    order = np.argsort(edge, kind="stable")
+    both = np.flatnonzero(np.diff(edge[order]) == 0)
+    return facet[order[both]], facet[order[both + 1]]
 
 
 SAME_PLACE: Final = 1e-6
@@ -185,8 +194,7 @@ def _hinges(cells: IntArray, part: IntArray, comm: MPI.Comm) -> BoolArray:
 def _touching(x: FloatArray, numbers: IntArray, part: IntArray, comm: MPI.Comm) -> FloatArray:
     """Places at which nodes of several components coincide, those found on this rank, from its nodes x (k, 3) at
     corners on the boundary, their numbers in the file and their components; collective."""
-    ends = np.array([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
-    near = SAME_PLACE * float(np.linalg.norm(np.min(comm.allgather(ends), axis=0).sum(axis=0)))
+    near = SAME_PLACE * float(np.linalg.norm(np.ptp(bounds(comm, x), axis=0)))
     slabs = Slabs(comm, x)
     point, slab = slabs.near(x, near)
     exchange = Exchange(comm, slab)

@@ -16,6 +16,7 @@ from ...arrays import FloatArray, Int32Array, IntArray, in_words, is_number, sho
 from ...nearest import tree_of
 from .. import compat
 from ..geometry import Point, RigidFoundation, RigidMotion, Rotation, Turn, check_point, evaluate_vectors, on_all_ranks
+from .exchange import bounds
 from .lagrange import corner_geometry
 from .mesh_file import A_SLICE
 from .mesh_parts import SAME_PLACE
@@ -186,8 +187,7 @@ class NamedMesh:
             missing = ""
         else:
             places = on_all_ranks(lambda: np.reshape(np.asarray(at, dtype=np.float64), (-1, 3)), what, self.comm)
-            ends = np.array([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
-            near = SAME_PLACE * float(np.linalg.norm(np.min(self.comm.allgather(ends), axis=0).sum(axis=0)))
+            near = SAME_PLACE * float(np.linalg.norm(np.ptp(bounds(self.comm, x), axis=0)))
             here = tree_of(places).query(x)[0] <= near if len(places) else np.zeros(len(x), dtype=bool)
             found = tree_of(x).query(places)[0] if len(x) else np.full(len(places), np.inf)
             far = np.min(self.comm.allgather(found), axis=0) > near

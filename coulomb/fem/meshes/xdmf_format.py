@@ -22,7 +22,7 @@ from ...arrays import FloatArray, IntArray, distinct
 from ...nearest import tree_of
 from ...regular_file import read_bytes, refuse_irregular
 from ..geometry import on_all_ranks
-from .exchange import Exchange, Slabs, even_starts, fetched, on_first_rank, owner_of, starts_of
+from .exchange import Exchange, Slabs, bounds, even_starts, fetched, on_first_rank, owner_of, starts_of
 from .mesh_file import MeshFile, SectionFile, only_set, refuse_cells, titles
 
 NAMES = "coulomb:names"
@@ -353,8 +353,7 @@ def _in_mesh(grid: _Grid, mesh: _Grid) -> IntArray:
     equal = grid.points.shape == mesh.points.shape and np.array_equal(grid.points, mesh.points)
     if grid.geometry == mesh.geometry or comm.allreduce(equal, op=MPI.LAND):
         return grid.rows
-    ends = np.array([mesh.points.min(0, initial=np.inf), -mesh.points.max(0, initial=-np.inf)])
-    near = 1e-9 * float(np.max(-np.min(comm.allgather(ends), axis=0).sum(axis=0)))
+    near = 1e-9 * float(np.max(np.ptp(bounds(comm, mesh.points), axis=0)))
     slabs = Slabs(comm, mesh.points)
     point, slab = slabs.near(mesh.points, near)
     to = Exchange(comm, slab)
