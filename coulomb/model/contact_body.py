@@ -41,7 +41,7 @@ from .memory import memory_needed
 from .nodal_answer import Accumulated
 from .overlap import OutsideContacts
 from .pair_checks import JudgedPair
-from .probes import LocatedProbes, Part, Probe
+from .probes import LocatedProbes, Probe
 from .provenance import timed
 from .state import State
 
@@ -260,10 +260,8 @@ class ContactBody:
 
     def located(self, probes: Sequence[Probe]) -> LocatedProbes:
         """Probes found in the mesh; collective.  Raises ValueError as `Solution.probed`."""
-        members = self.elasticity.members
         faces = [self.elasticity.face(contact.face, "contact") for contact in self.contacts]
-        parts = [Part(member.name, member.body, member.nodes) for member in members]
-        return LocatedProbes(probes, parts, [(member.name, facets) for member, facets in faces])
+        return LocatedProbes(probes, self.elasticity.members, [(member.name, facets) for member, facets in faces])
 
     def memory(self, method: tuple[LinearSolver, bool] | None = None) -> float:
         """Bytes that it needs over all ranks (`memory_needed`), by default with its own method; collective."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable
-from ..fem.contact import ContactSurface, Face, Obstacle, Overlap, Part, Sides, Surface
+from ..fem.contact import ContactSurface, Face, Obstacle, Overlap, Sides, Surface
 from ..fem.geometry import RigidFoundation, RigidMotion, moved
 from ..linalg.reductions import Reductions
 from .contact import Contact
@@ -29,8 +29,7 @@ class OutsideContacts:
         names = [(contacts[k].face, str(contacts[k].against)) for k in self._pairs]
         names += [(tie.face, tie.against) for tie in self._ties]
         sides = [Sides(self._face(slave), self._face(master)) for slave, master in names]
-        parts = [Part(member.name, member.body, member.body.mesh.faces) for member in body.members]
-        self._surface = Surface(parts, sides, body.comm)
+        self._surface = Surface(body.members, sides, body.comm)
 
     def _face(self, name: str) -> Face:
         member, facets = self._body.face(name, "contact")

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, Int32Array, real_numbers, short
-from ..fem.bodies import DisplacementSpace, LocatedPoints, locate
+from ..fem.bodies import LocatedPoints, Member, locate
 from .nodal_answer import NodalAnswer
 
 
@@ -91,14 +91,6 @@ class ProbeValue:
         }
 
 
-class Part(NamedTuple):
-    """One of the bodies in which probes are found: its name, its displacements, and its nodes among this rank's."""
-
-    name: str
-    body: DisplacementSpace
-    nodes: slice
-
-
 class LocatedProbes:
     """Probes found in the meshes of one body or several; `faces` are name of the body and this rank's facets there, of
     each contact face; collective.
@@ -108,7 +100,7 @@ class LocatedProbes:
             two bodies.
     """
 
-    def __init__(self, probes: Sequence[Probe], parts: Sequence[Part], faces: Sequence[tuple[str, Int32Array]]):
+    def __init__(self, probes: Sequence[Probe], parts: Sequence[Member], faces: Sequence[tuple[str, Int32Array]]):
         twice = [name for name, count in Counter(probe.name for probe in probes).items() if count > 1]
         if twice:
             raise ValueError(f"probe: the name {twice[0]!r} is given to several probes; give each its own")
@@ -121,7 +113,7 @@ class LocatedProbes:
             inside = {number: self.probes[number] for number, one in enumerate(found) if one == k}
             self._in.append(_Located(part, inside, self._points[list(inside)], own))
 
-    def _found(self, number: int, parts: Sequence[Part]) -> int:
+    def _found(self, number: int, parts: Sequence[Member]) -> int:
         """The body that has a point; collective."""
         probe, names = self.probes[number], [part.name for part in parts]
         if len(parts) == 1 and probe.body is None:
@@ -172,7 +164,7 @@ class LocatedProbes:
 class _Located:
     """The probes in one body, and the facets of contact faces on it, by their numbers; collective."""
 
-    def __init__(self, part: Part, probes: dict[int, Probe], points: FloatArray, faces: dict[int, Int32Array]):
+    def __init__(self, part: Member, probes: dict[int, Probe], points: FloatArray, faces: dict[int, Int32Array]):
         self._part, self._probes, self._points, self._faces = part, probes, points, list(faces)
         self._located: LocatedPoints | None = None
         if probes:
@@ -182,7 +174,7 @@ class _Located:
         self, u: FloatArray, slip: FloatArray, pressure: FloatArray, answer: NodalAnswer
     ) -> list[tuple[int, ProbeValue]]:
         """Number and values of each, from displacement, slip and pressure at the nodes of all bodies; collective."""
-        located, (name, body, nodes), comm = self._located, self._part, answer.comm
+        located, body, nodes, comm = self._located, self._part.body, self._part.nodes, answer.comm
         if located is None:
             return []
         slip, pressure = slip[nodes], pressure[nodes]
@@ -202,7 +194,7 @@ class _Located:
                 displacement=moved[k],
                 slip=slid[k] if face >= 0 else None,
                 pressure=float(pressed[k, 0]) if face >= 0 else None,
-                body=name,
+                body=self._part.name,
             )
             values.append((number, value))
         return values

@@ -6,12 +6,13 @@ from bodies_runs import on_one_base, pressed
 
 from coulomb import Contact, Probe, box, moved
 from coulomb.fem import compat
+from coulomb.fem.bodies import Member
 from coulomb.fem.bodies.displacement_space import DisplacementSpace
 from coulomb.fem.bodies.located_points import _Facets
 from coulomb.io import output
 from coulomb.io.field_files import OPPOSITE, read_grids
 from coulomb.model.nodal_answer import CARRIED, HELD, STICK, carried
-from coulomb.model.probes import LocatedProbes, Part
+from coulomb.model.probes import LocatedProbes
 from coulomb.recheck import check
 
 PRESSURE = 1e7
@@ -86,7 +87,7 @@ def test_what_nothing_opposes_is_no_contact():
 def test_probes_find_their_body():
     low = box((1.0, 1.0, 1.0), (1, 1, 1))
     spaces = [DisplacementSpace(compat.functionspace(mesh.domain, 1, (3,))) for mesh in (low, moved(low, (0, 0, 1)))]
-    parts = [Part(name, space, slice(0, 8)) for name, space in zip(("lower", "upper"), spaces, strict=True)]
+    parts = [Member(name, space, slice(0, 8)) for name, space in zip(("lower", "upper"), spaces, strict=True)]
     probes = [Probe("a", (0.5, 0.5, 0.2)), Probe("b", (0.5, 0.5, 1.2)), Probe("c", (0, 0, 1), "upper")]
     assert [len(one._probes) for one in LocatedProbes(probes, parts, [])._in] == [1, 2]
     for probe, message in (

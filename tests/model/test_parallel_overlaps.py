@@ -21,7 +21,7 @@ from coulomb import (
     join,
     moved,
 )
-from coulomb.fem.contact.body_boundary import BodyBoundary, Part
+from coulomb.fem.contact.body_boundary import BodyBoundary
 from coulomb.fem.meshes import NamedMesh, boundary_facets, corners_of, distributed, second_order
 from coulomb.kinematics import NeoHookean
 from coulomb.units import amount
@@ -289,7 +289,7 @@ def test_cells_under_a_face_alone():
     mesh = box((1.0, 1.0, 1.0), (5, 4, 3))
     problem = ContactProblem(mesh, STEEL, [Clamp("top")], Contact("bottom", 0.2))
     (member,) = problem.elasticity.members
-    under = BodyBoundary.of(Part("", member.body, mesh.faces)).under
+    under = BodyBoundary.of(member).under
     every = np.unique(np.concatenate(list(mesh.faces.values())))
     assert comm.allreduce(int(np.count_nonzero(under(mesh.faces["bottom"])))) == 3 * 2
     assert comm.allreduce(int(np.count_nonzero(under(every)))) == 5 * 4 * 3 - 3 * 2 * 1

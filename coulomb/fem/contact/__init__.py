@@ -4,7 +4,7 @@ deformable faces by dual mortar elements (`pair_of`), and the sparse matrix B fr
 
 from ..bodies import at_nodes_of, rows_of
 from .auto_pairs import FoundPair, FoundPairs, auto_pairs
-from .body_boundary import Face, Part
+from .body_boundary import Face
 from .closest_points import facets_of, gathered, hits, off_linear, opposite_nodes
 from .contact_points import (
     ContactPoints,

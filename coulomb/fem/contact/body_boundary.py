@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import chain, permutations, product
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,7 @@ import numpy.typing as npt
 from ...arrays import BoolArray, FloatArray, Int32Array, IntArray
 from ...nearest import tree_of
 from .. import compat
-from ..bodies import DisplacementSpace
+from ..bodies import Member
 from ..meshes import SEPARATOR, boundary_facets, facet_columns, lagrange_points, starts_of
 from .facet_patch import FacetPatch, facet_patch
 
@@ -29,14 +29,6 @@ of trees takes 20, and to search them 10."""
 
 _TALLEST: Final = 10.0
 """Height of a cell over a facet, over the extent of facets, at most."""
-
-
-class Part(NamedTuple):
-    """A body: its name, "" if it is alone, its displacements before deformation, and the facets of its named faces."""
-
-    name: str
-    space: DisplacementSpace
-    faces: Mapping[str, Int32Array]
 
 
 Face = tuple[int, Int32Array]
@@ -58,7 +50,7 @@ class BodyBoundary:
         tetrahedra: Columns of the corners of those that a cell is divided into, shape (s, 4).
     """
 
-    part: Part
+    part: Member
     starts: IntArray
     facet: Int32Array
     patch: FacetPatch
@@ -69,8 +61,8 @@ class BodyBoundary:
     tetrahedra: IntArray
 
     @classmethod
-    def of(cls, part: Part) -> BodyBoundary:
-        space, domain = part.space, part.space.domain
+    def of(cls, part: Member) -> BodyBoundary:
+        space, domain = part.body, part.body.domain
         outer, sizes = boundary_facets(domain), domain.topology.index_map
         patch, own = facet_patch(space, outer), np.arange(sizes(3).size_local, dtype=np.int32)
         pieces = patch.kind.pieces
@@ -141,7 +133,7 @@ class BodyBoundary:
 
     def under(self, facets: Int32Array) -> BoolArray:
         """Which of this rank's cells have facets on the boundary, and all of them among these, shape (c,)."""
-        topology = self.part.space.domain.topology
+        topology = self.part.body.domain.topology
         topology.create_connectivity(3, 2)
         of_cells = topology.connectivity(3, 2).array.reshape(-1, len(facet_columns(topology.cell_type, 1)))
         outer = np.diff(topology.connectivity(2, 3).offsets) == 1  # between ranks as well, if a cell there is not known
@@ -152,7 +144,7 @@ class BodyBoundary:
 
     def name_of(self, row: int) -> str:
         """The smallest named face that has the facet in this row, in words."""
-        name, faces = self.part.name, self.part.faces
+        name, faces = self.part.name, self.part.body.mesh.faces
         here = [(len(facets), face) for face, facets in faces.items() if self.facet[row] in facets]
         if here:
             return repr(f"{name}{SEPARATOR}{min(here)[1]}" if name else min(here)[1])

@@ -20,9 +20,10 @@ from mpi4py import MPI
 
 from ...arrays import BoolArray, FloatArray, IntArray, unit_vectors
 from ...nearest import tree_of
+from ..bodies import Member
 from ..geometry import RigidFoundation, on_all_ranks
 from ..meshes import Exchange, fetched, owner_of
-from .body_boundary import BodyBoundary, Face, Part, boxes_of, depths_below, in_boxes, in_tetrahedra, sides_of
+from .body_boundary import BodyBoundary, Face, boxes_of, depths_below, in_boxes, in_tetrahedra, sides_of
 from .facet_patch import mean_normals
 from .facing import Facets
 from .facing import near as near_facets
@@ -118,9 +119,9 @@ class Surface:
         sides: The pairs whose slave nodes something else keeps out of the master, or in their place beside it.
     """
 
-    def __init__(self, parts: Sequence[Part], sides: Sequence[Sides], comm: MPI.Comm):
+    def __init__(self, parts: Sequence[Member], sides: Sequence[Sides], comm: MPI.Comm):
         self._parts, self._sides, self._comm = parts, sides, comm
-        self._ends = np.cumsum([0, *(len(part.space.x) for part in parts)])
+        self._ends = np.cumsum([0, *(len(part.body.x) for part in parts)])
         self._bodies = [BodyBoundary.of(part) for part in parts]
         largest = max(float(np.max(np.abs(body.patch.x), initial=0.0)) for body in self._bodies)
         self._rounding = _ROUNDING * float(comm.allreduce(largest, op=MPI.MAX))
@@ -134,7 +135,7 @@ class Surface:
         """Which of this rank's nodes are on a face, shape (k,); collective."""
         part, facets = face
         on: BoolArray = np.zeros(self._ends[-1], dtype=bool)
-        on[self._ends[part] + self._parts[part].space.nodes_of(facets)] = True
+        on[self._ends[part] + self._parts[part].body.nodes_of(facets)] = True
         return on
 
     def _under_of(self, number: int, faces: Sequence[Face]) -> BoolArray:
@@ -152,7 +153,7 @@ class Surface:
         nodes, vectors = body.patch.nodes[on], body.patch.middle_vectors[on]
         to = Exchange(comm, owner_of(body.starts, nodes.ravel()))
         node, vector = to.send(nodes.ravel()), to.send(np.repeat(vectors, nodes.shape[1], axis=0))
-        found[self._own(part)] = mean_normals(node - body.starts[comm.rank], vector, len(self._parts[part].space.x))
+        found[self._own(part)] = mean_normals(node - body.starts[comm.rank], vector, len(self._parts[part].body.x))
         return found
 
     def _own(self, part: int) -> slice:
@@ -189,7 +190,7 @@ class Surface:
         for number, nodes in enumerate(judged):
             kept[nodes, number] = True
             part = self._sides[number].slave[0]
-            space, own = self._parts[part].space, self._own(part)
+            space, own = self._parts[part].body, self._own(part)
             if not space.positive:  # of 10-node tetrahedra the middles of edges beside them as well
                 kept[own, number] = space.linear_between_vertices(kept[own, number].astype(np.float64)) > 0.0
         rows = np.column_stack([u, deformation, component, self._slaves * (1.0 + kept), self._masters])
