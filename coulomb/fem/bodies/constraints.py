@@ -20,8 +20,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import BoolArray, FloatArray, Int32Array, IntArray
-from .. import compat
-from ..geometry import first_place, on_all_ranks
+from ..geometry import first_place
 from .supports import Support
 
 
@@ -137,66 +136,6 @@ def matrix_product(A: PETSc.Mat, values: FloatArray, transposed: bool = False) -
     given.destroy()
     result.destroy()
     return product
-
-
-class DirichletConditions:
-    """Boundary conditions on a space of displacements or its components; where they meet, the later one applies.
-
-    Args:
-        x: Coordinates of this rank's nodes in metres, shape (k, 3).
-        dofs: Number of degrees of freedom of this rank, ghosts included.
-    """
-
-    def __init__(self, bcs: Sequence[Any], x: FloatArray, dofs: int, comm: MPI.Comm):
-        self.bcs, self._x, self._dofs, self._comm = tuple(bcs), x, dofs, comm
-        self.rows = prescribed_rows(len(x), [self._directions(bc) for bc in bcs])
-
-    @property
-    def still(self) -> HeldDirections:
-        """The directions along which displacements are 0 with the present values; collective."""
-        along = np.einsum("ri,ri->r", self.rows.direction, self.prescribed()[self.rows.node])
-        return self.rows.along(along == 0.0)
-
-    def prescribed(self) -> FloatArray:
-        """The displacements that they prescribe now, 0 elsewhere, metres, shape (k, 3); ValueError on every rank if one
-        is not finite; collective."""
-        values = np.zeros(self._dofs)
-        for bc in self.bcs:
-            compat.set_values(bc, values)
-        nodal = values[: self._x.size].reshape(-1, 3)
-        held = np.zeros_like(self._x)
-        held[self.rows.held.components] = nodal[self.rows.held.components]
-
-        def finite() -> FloatArray:
-            if not np.all(np.isfinite(held)):
-                place = first_place(self._x, ~np.all(np.isfinite(held), axis=1))
-                raise ValueError(f"a prescribed displacement is not finite (first seen at x = {place})")
-            return held
-
-        return on_all_ranks(finite, "Body: bcs", self._comm)
-
-    def words(self) -> list[dict[str, Any]]:
-        """Kind, face and what it holds of every condition; collective."""
-        entries = []
-        for bc in self.bcs:
-            mine = self._held(bc)
-            nodes = self._comm.allreduce(int(np.sum(np.any(mine, axis=1))))
-            along = self._comm.allreduce(np.any(mine, axis=0).astype(int))
-            letters = ", ".join(letter for letter, held in zip("xyz", along, strict=True) if held)
-            entries.append({"kind": "dirichlet", "face": None, "holds": f"{letters or 'nothing'} of {nodes} nodes"})
-        return entries
-
-    def _held(self, bc: Any) -> BoolArray:
-        """Which components of this rank's nodes a condition holds, shape (k, 3)."""
-        held = np.zeros(self._x.size, dtype=bool)
-        dofs = np.asarray(bc.dof_indices()[0])
-        held[dofs[dofs < self._x.size]] = True
-        return held.reshape(-1, 3)
-
-    def _directions(self, bc: Any) -> tuple[IntArray, FloatArray]:
-        held = self._held(bc)
-        nodes = np.flatnonzero(np.any(held, axis=1))
-        return nodes, held[nodes][:, :, None] * np.eye(3)
 
 
 DEPENDENT: Final = 1e-4

@@ -12,14 +12,14 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ...arrays import FloatArray
+from ...arrays import BoolArray, FloatArray
 from .. import compat
 from ..compat import fem, ufl
-from ..geometry import on_all_ranks
+from ..geometry import first_place, on_all_ranks
 from ..meshes import boundary_facets, bounds
 from .coefficients import along_coefficient
 from .compiled_form import compiled, with_own_degrees
-from .constraints import DirichletConditions, diagonal_of, rows_of
+from .constraints import diagonal_of, prescribed_rows, rows_of
 from .deformable import SingleBody
 from .elimination import Made
 from .form_checks import named_mesh, refuse_bcs, refuse_unsymmetric, space_of_forms
@@ -152,11 +152,14 @@ class FormBody(SingleBody):
         self._degree = compat.lagrange_vectors(V)[1]
         self._of_ufl = a, L
         self._a, self._L = BilinearForm(a, V), None if L is None else compiled(L, "L", V.mesh.comm)
-        dofs = self.V.dofmap.index_map
-        self._conditions = DirichletConditions(
-            refuse_bcs(bcs, V), self.x, 3 * (dofs.size_local + dofs.num_ghosts), self.mesh.comm
-        )
-        self.held, self.still = self._conditions.rows.held, self._conditions.still
+        self._bcs = tuple(refuse_bcs(bcs, V))
+        held = [self._held_by(bc) for bc in self._bcs]
+        nodes = [np.flatnonzero(np.any(one, axis=1)) for one in held]
+        each = [(at, one[at][:, :, None] * np.eye(3)) for at, one in zip(nodes, held, strict=True)]
+        self._rows = prescribed_rows(len(self.x), each)
+        self.held = self._rows.held
+        along = np.einsum("ri,ri->r", self._rows.direction, self._prescribed()[self._rows.node])
+        self.still = self._rows.along(along == 0.0)
         self.component, self._made = mesh_components(self), Made()
         self.contradictions, self.materials, self.loads = (), None, ()
         self._assembled: PETSc.Mat | None = None
@@ -282,7 +285,7 @@ class FormBody(SingleBody):
                 raise ValueError("has values that are not finite: look at its coefficients")
             return load
 
-        return Loading(time, on_all_ranks(finite, "Body: L", self.mesh.comm), self._conditions.prescribed())
+        return Loading(time, on_all_ranks(finite, "Body: L", self.mesh.comm), self._prescribed())
 
     def force_along_places(self, loading: Loading, u: FloatArray, v: FloatArray) -> FloatArray:
         """By UFL's derivative along coordinates; u and v are fixed at the nodes, as the coefficients are."""
@@ -337,11 +340,43 @@ class FormBody(SingleBody):
         return largest * work / (size or 1.0)
 
     def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
-        for share in self._conditions.rows.shares(reaction, len(self._conditions.bcs)):
+        for share in self._rows.shares(reaction, len(self._bcs)):
             yield NodalForces("dirichlet", None, share)
 
     def support_entries(self) -> list[dict[str, Any]]:
-        return self._conditions.words()
+        entries = []
+        for bc in self._bcs:
+            mine = self._held_by(bc)
+            nodes = self.comm.allreduce(int(np.sum(np.any(mine, axis=1))))
+            along = self.comm.allreduce(np.any(mine, axis=0).astype(int))
+            letters = ", ".join(letter for letter, held in zip("xyz", along, strict=True) if held)
+            entries.append({"kind": "dirichlet", "face": None, "holds": f"{letters or 'nothing'} of {nodes} nodes"})
+        return entries
+
+    def _held_by(self, bc: Any) -> BoolArray:
+        """Which components of this rank's nodes a condition holds, shape (k, 3)."""
+        held = np.zeros(self.x.size, dtype=bool)
+        dofs = np.asarray(bc.dof_indices()[0])
+        held[dofs[dofs < self.x.size]] = True
+        return held.reshape(-1, 3)
+
+    def _prescribed(self) -> FloatArray:
+        """The displacements that the conditions prescribe now, 0 elsewhere, metres, shape (k, 3); of those that meet,
+        the later one applies; ValueError on every rank if one is not finite; collective."""
+        dofs, x = self.V.dofmap.index_map, self.undeformed.x
+        values, held = np.zeros(3 * (dofs.size_local + dofs.num_ghosts)), np.zeros_like(x)
+        for bc in self._bcs:
+            compat.set_values(bc, values)
+        components = self._rows.held.components
+        held[components] = values[: x.size].reshape(-1, 3)[components]
+
+        def finite() -> FloatArray:
+            if not np.all(np.isfinite(held)):
+                place = first_place(x, ~np.all(np.isfinite(held), axis=1))
+                raise ValueError(f"a prescribed displacement is not finite (first seen at x = {place})")
+            return held
+
+        return on_all_ranks(finite, "Body: bcs", self.comm)
 
     def cell_fields(self, u: Any, loading: Loading) -> list[Any]:
         """None: which stress belongs to a is not known; see `Solution.write`."""
@@ -352,7 +387,7 @@ class FormBody(SingleBody):
         return {
             **self._signatures,
             "degree": self._degree,
-            "bcs": len(self._conditions.bcs),
+            "bcs": len(self._bcs),
             "constants": {
                 "a": self._values.constants.tolist(),
                 "L": [] if self._L is None else self._L.constants.tolist(),
