@@ -240,10 +240,12 @@ BODIES, FACES = "bodies", "faces"
 
 
 def collections(problem: DiscreteProblem) -> tuple[str, str]:
-    """Names of the collections in solution.xdmf and contact.xdmf; empty for a file with one grid; collective."""
-    several = len(problem.elasticity.members) > 1
+    """Names of the collections in solution.xdmf and contact.xdmf; empty for a file with one grid without a name;
+    collective."""
+    members = problem.elasticity.members
+    several, named = len(members) > 1, any(member.name for member in members)
     pairs = any(contact.against is not None for contact in problem.contacts)
-    return BODIES if several else "", FACES if several or pairs or problem.body.faces_meet else ""
+    return BODIES if named else "", FACES if several or pairs or problem.body.faces_meet else ""
 
 
 def body_grids(solution: Solution, given: Mapping[str, Any]) -> list[GridFields]:

@@ -10,6 +10,7 @@ from case_texts import body as part
 from check_runs import copied, edit, made, put, run_case
 from conftest import run_coulomb
 
+from coulomb import Clamp, Contact, ContactProblem, Material, box, join
 from coulomb.io.field_files import read_grids
 from coulomb.model.held_nodes import OtherNodes
 from coulomb.recheck import check
@@ -49,6 +50,16 @@ def test_a_body_that_shows_the_data_of_another_is_noticed(tmp_path):
     path.write_text(path.read_text().replace("/Function/upper/load/", "/Function/lower/load/"))
     with pytest.raises(ValueError, match=r"has <DataItem .*/lower/load/0, but <DataItem .*/upper/load/0 describes"):
         check(folder)
+
+
+def test_one_body_with_a_name(tmp_path):
+    """Its grid, `Mesh/block` in the HDF5 file, was described as one without a name: `coulomb check` refused the run."""
+    mesh = join(block=box((1.0, 1.0, 0.5), (2, 2, 1)))
+    problem = ContactProblem(mesh, Material(1e9, 0.3), [Clamp("block:top")], Contact("block:bottom", 0.3, gap=-1e-5))
+    problem.solve().write(tmp_path / "out")
+    assert list(read_grids(tmp_path / "out" / "solution.xdmf")) == ["block"]
+    for given in ((), (problem,)):
+        assert check(tmp_path / "out", *given).passed
 
 
 def test_another_order_of_the_faces_of_a_pair_is_the_same_case(tmp_path):
