@@ -66,7 +66,7 @@ class Sensitivities:
     def __init__(self, settings: Case):
         self._settings, self._tolerances = settings, list(tolerances(settings))
         self._asked, self._found = settings.output.sensitivity, list[Sensitivity]()
-        self._others = [*lengths(settings)]
+        self._others, self._without = lengths(settings), False
         self._posed = dict[str, Posed]()
 
     def of(self, solution: Solution) -> dict[str, Any]:
@@ -95,17 +95,19 @@ class Sensitivities:
         without = why_no_others(solution.problem)
         try:
             found = solution.sensitivities(self._found, {} if without else self._problems(solution.problem.comm))
-            if self._found or without or not (more := self._no_inputs(found)):
+            if self._found or without or self._without or not (more := self._no_inputs(found)):
                 return found
-            self._others += more
+            self._others = [*self._others, *more]
             return solution.sensitivities([], self._problems(solution.problem.comm))
         except ValueError as reason:
             if without or not self._others:
                 raise
-            found = solution.sensitivities([one for one in self._found if one.name not in self._others])
-            errors.out(f"warning: output.sensitivity: there is none to {', '.join(self._others)}: {reason}")
-            self._others = []
-            return found
+            known = [] if self._others == lengths(self._settings) else lengths(self._settings)
+            left = [name for name in self._others if name not in known]
+            errors.out(f"warning: output.sensitivity: there is none to {', '.join(left)}: {reason}")
+            self._others, self._without = known, True
+            self._found = [one for one in self._found if one.name not in left]
+            return self._of(solution)
 
     def _problems(self, comm: MPI.Comm) -> dict[str, Posed]:
         """Those of other inputs, posed once for all load steps."""

@@ -261,7 +261,7 @@ def show_sensitivity(console: Console, contents: dict[str, Any]) -> None:
     most, and how far that is linear."""
     entries = contents.get("sensitivity") or []
     for place, reason in contents.get("without_bar", {}).items():
-        errors.out(f"warning: output.sensitivity: the tolerance of {place} is in no bar: {reason}")
+        errors.out(f"warning: output.sensitivity: no bar has the tolerance of {place}, without derivatives: {reason}")
     width = max(map(len, ("with the tolerances given", *(one["input"] for one in entries))))
     for face in entries[0]["totals"] if entries else ():
         totals = [(one, one["totals"][face]) for one in entries]

@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
 from .discrete_problem import DiscreteProblem
 
@@ -36,4 +37,28 @@ def near(answer: DiscreteProblem, problem: DiscreteProblem) -> DiscreteProblem:
     points = [(of.nodes, of.part) for of in (answer.surface, problem.surface)]
     if over.any(not all(np.array_equal(*of) for of in zip(*points, strict=True))):
         raise ValueError("between: the problem has other contact points than that of the answer")
+    _refuse_noise(answer, problem, _LOST * size)
     return problem
+
+
+_LOST: Final = 1e-13
+"""Change of distances from a foundation over the size of the bodies, above which gaps change as well."""
+
+
+def _refuse_noise(answer: DiscreteProblem, problem: DiscreteProblem, least: float) -> None:
+    """ValueError on every rank if the problem's distances from a foundation are others by more than `least` metres, but
+    are taken for rounding errors of coordinates (`without_noise`): no gap changes."""
+    over = Reductions(answer.comm)
+    for part, (face, *foundations) in enumerate(
+        zip(answer.surface.faces, answer.surface.foundations, problem.surface.foundations, strict=True)
+    ):
+        here, distances = answer.surface.part == part, list[FloatArray]()
+        for of, foundation in zip((answer, problem), foundations, strict=True):
+            if foundation is not None and np.any(here):
+                distances.append(foundation.signed_distance(of.surface.x[here]))
+        change = over.max(np.abs(np.subtract(*distances))) if len(distances) == 2 else over.max(np.zeros(0))
+        if change > least and over.max(np.abs(problem.surface.gap - answer.surface.gap)[here]) == 0.0:
+            raise ValueError(
+                f"between: distances of {face!r} from its foundation change by up to {change:.1g} m, which counts as "
+                "rounding errors of coordinates: take a larger change"
+            )

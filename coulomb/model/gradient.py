@@ -90,7 +90,8 @@ class Gradient:
                 load step, of the history.
 
         Raises:
-            ValueError: On every rank, if their nodes are others, or far from those of the answer.
+            ValueError: On every rank, if their nodes are others, or far from those of the answer; if distances from a
+                foundation change by rounding errors of coordinates.
         """
         return self.lagrangian.of(more) - self.lagrangian.of(less)
 

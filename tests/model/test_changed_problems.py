@@ -264,6 +264,27 @@ def test_where_flat_facets_do_not_match_it_is_the_mean_of_both_sides(caplog):
     assert [(more - value) / h, (value - less) / h] == pytest.approx(sides, rel=1e-3)
 
 
+def test_changes_of_a_foundation_within_rounding_errors_of_coordinates_are_refused():
+    """A plane that tilts about the middle of a flat face: by nanoradians no gap changes, by more they all do."""
+
+    def tilted(angle=0.0):
+        plane = coulomb.Plane((0.5, 0.5, 0.0), (np.sin(angle), 0.0, np.cos(angle)))
+        return coulomb.ContactProblem(
+            coulomb.box((1.0, 1.0, 0.5), (2, 2, 1)),
+            coulomb.Material(1e9, 0.3),
+            [coulomb.PrescribedDisplacement("top", (1e-5, 0.0, -1e-4))],
+            coulomb.Contact("bottom", friction=0.3, foundation=plane),
+        )
+
+    answer, h = tilted().solve(tolerance=1e-12), 1e-6
+    of_force = np.sin(answer.problem.surface.x * [31.0, 17.0, 23.0]).ravel()
+    found, more, less = answer.gradient(of_force), tilted(h), tilted(-h)
+    change = of_force @ (more.solve(tolerance=1e-12).contact_force - less.solve(tolerance=1e-12).contact_force)
+    assert found.between(more, less) == pytest.approx(change, rel=1e-5) and abs(change) > 1.0
+    with pytest.raises(ValueError, match=r"'bottom' from its foundation change by up to 5e-10 m.*take a larger change"):
+        found.between(tilted(1e-9), tilted(-1e-9))
+
+
 def test_where_they_are_not_known_it_says_so():
     """Along places: with ties, with moments at points, of bodies flat on each other whose finer facets are covered in
     part."""
