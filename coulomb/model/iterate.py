@@ -321,7 +321,8 @@ class Iterate:
         stiff = _STIFFER * surface.points.diagonal(size)[:, None] * np.column_stack([pressing, sticks, sticks])
         stiffness = problem.geometric(x.ravel()) + np.einsum("kr,kri,krj->kij", stiff, G, G)
         forces, damped = np.einsum("kr,kri->ki", stiff * target, G), damping * size[:, None, None] * np.eye(3)
-        return body.on_springs(problem.springs(stiffness, forces, damped))
+        springs = problem.springs(stiffness, forces, damped)
+        return body.on_springs(replace(springs, along=stiff / lengths**2))
 
     def made_positive(self, body: Deformable, x: FloatArray) -> Deformable:
         """The bodies with the nearest tangent that is positive semidefinite in every cell."""

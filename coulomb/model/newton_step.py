@@ -7,9 +7,10 @@ linear problem on the sets of its answer z0, and J that of the whole one, the Ne
 
     z = z0 + P^-1 (P - J) z
 
-where (P - J) z is a difference of the equations along z (`geometric_terms`).  As the derivatives of an answer
-(`sensitivity`) it is found as a fixed point, by Anderson's method: along combinations of other ways, as of GMRES, gaps
-and pairings may have kinks.
+where (P - J) z is a difference of the equations along z (`geometric_terms`).  Springs that stand for contact in P
+(`Iterate.supported`) are no part of J: their whole force at z is left out, which is 0 where conditions of contact hold
+as equations.  As the derivatives of an answer (`sensitivity`) z is found as a fixed point, by Anderson's method: along
+combinations of other ways, as of GMRES, gaps and pairings may have kinks.
 """
 
 from __future__ import annotations
@@ -69,6 +70,8 @@ def newton_step(
     here = problem.comm.rank == 0  # which has the amounts of free motions
     point, count = np.concatenate([du.ravel(), here * alpha]), du.size
     linear_problem, local = problem.linear, 1.0 / problem.linear.node_stiffness
+    surface, springs = problem.surface, problem.elasticity.added_springs
+    w = np.column_stack([surface.gap, problem.state.slip_origin[:, 1:]])
     accuracy = np.clip(np.sqrt(residual), *_ACCURACY)
     if residual < _LAST:
         accuracy = min(accuracy, max(within / residual, _CLOSEST))
@@ -77,9 +80,15 @@ def newton_step(
     except (ValueError, CGNotConverged):
         return None
     for _ in range(_MOST):
-        left_out = terms.along(Way(point[:count].reshape(-1, 3), over.total(point[count:])))
-        f = reduction.along(left_out.load, None).ravel()
-        change = Change(-left_out.c.ravel(), left_out.bound, left_out.e, f)
+        way = Way(point[:count].reshape(-1, 3), over.total(point[count:]))
+        left_out = terms.along(way)
+        load = left_out.load
+        if springs is not None:
+            load = load - springs.force
+            if springs.along is not None:
+                not_closed = w + left_out.c - surface.rows(way.u) + terms.relative(way.alpha)
+                load += surface.at_nodes((springs.along * at.closed * not_closed).ravel())
+        change = Change(-left_out.c.ravel(), left_out.bound, left_out.e, reduction.along(load, None).ravel())
         try:
             (owed,) = at.derivatives([change])
         except (ValueError, CGNotConverged):

@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import BoolArray, FloatArray
 from ..linalg.compliance import BodyCompliance, ConstraintPreconditioner, Constraints, CoupledKrylov
 from .border import Border
 from .contact_equations import ContactDerivative
@@ -165,6 +165,12 @@ class AnswerDerivatives(SemismoothIteration):
             step = self._equations.nearest_change(self._x, w, dx, dw, change.bound, self._over, border.points)
             found.append(Derivative(dx.ravel(), u, self._motion(dalpha), step if settled else 0.0, points))
         return found
+
+    @property
+    def closed(self) -> BoolArray:
+        """Whether w = 0 along n, t1, t2 by the sets of the answer, shape (m, 3)."""
+        sticks = (self._at.status == 1) & self._problem.frictional
+        return np.column_stack([self._at.status > 0, sticks, sticks])
 
     @cached_property
     def condition(self) -> Condition:

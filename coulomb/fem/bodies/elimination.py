@@ -46,11 +46,13 @@ class AddedSprings:
         stiffness: On displacements of all nodes, N/m.
         force: At this rank's nodes where nothing is displaced, newtons, shape (k, 3).
         inside: Whether each couples the displacements of one node alone.
+        along: Of springs that stand for conditions of contact, the stiffness along its unknowns, N/m, shape (m, 3).
     """
 
     stiffness: PETSc.Mat
     force: FloatArray
     inside: bool
+    along: FloatArray | None = None
 
     def added_to(self, K: PETSc.Mat, lifetime: object) -> None:
         """Add them to a stiffness, and to what this must keep alive; collective."""
