@@ -90,11 +90,14 @@ def _largest(left: tuple[Evidence, ContactSurface] | None) -> str:
         return ": each turns an element inside out, or bodies are flung away"
     e, surface = left
     check = max((one for one in judge(e).checks if one.limit == LIMIT), key=lambda one: np.nan_to_num(one.value))
+    words = f": {check.name} {check.value:.1e} ({check.meaning})"
+    if check.name.startswith("pair "):  # with its own place
+        return words
     part = np.full(len(e.x), -1)
     part[surface.nodes] = surface.part
     forces = np.linalg.norm(e.held.free_part(e.internal - e.load - e.spring - e.on_body), axis=1)
     place = place_of_largest(forces, e.x, part, surface.faces, Reductions(e.comm))
-    return f": {check.name} {check.value:.1e} ({check.meaning}), forces are most out of balance {place}"
+    return f"{words}, forces are most out of balance {place}"
 
 
 class LoadStepLoop:
@@ -215,6 +218,7 @@ class LoadStepLoop:
         here = self._iterate(state, u, self.time, start, state.poses)
         points = self.shared.points
         x, sizes, found = self._carried(state, begin).at(here.problem.surface, points), [np.inf], False
+        refused = False  # the iterate before, by lines from face to face alone
         worst: tuple[Evidence, ContactSurface] | None = None
         self._failed = ""
 
@@ -263,9 +267,14 @@ class LoadStepLoop:
             if ends(certificate):  # lines from face to face take as long as a linear problem
                 evidence = here.problem.evidence_here(x, at_points)
                 certificate = judge(evidence)
-                sizes[-1] = size_of(certificate)
+                sizes[-1], worst = size_of(certificate), (evidence, here.problem.surface)
                 if ends(certificate):
                     break
+                if refused:
+                    raise self._cut(f"forces and contact agree, but faces do not{_largest(worst)}")
+                refused = not certificate.passed
+            else:
+                refused = False
             found = certificate.passed
         else:
             raise self._cut(f"no equilibrium after {_MOST} linear problems{_largest(worst)}")

@@ -8,8 +8,9 @@ import coulomb
 from coulomb.fem.bodies import local_rows
 from coulomb.fem.contact import springs_at
 from coulomb.kinematics import LargeMotions
-from coulomb.model import newton_step
+from coulomb.model import newton_step, pair_checks
 from coulomb.model.geometric_terms import GeometricTerms
+from coulomb.model.large_motions import LoadStepLoop
 
 
 def drawn(down, along):
@@ -91,6 +92,26 @@ def test_a_block_drawn_over_a_block(remedy):
         before, after = np.array(step.residuals[1:-1]), np.array(step.residuals[2:])
         near = before < 1e-2
         assert np.all(after[near] < np.maximum(0.05 * before[near], 1e-9))
+
+
+def test_what_faces_contradict_is_no_answer_in_more_linear_problems(monkeypatch):
+    """As in a boot whose folds are before each other: 21 more linear problems, and the words were of a balance of
+    1e-12."""
+    count, findings, linear = [], pair_checks.findings, LoadStepLoop._linear
+
+    def planted(*given):
+        found = findings(*given)
+        found.worst[3] = 0.5, 0.1, 0.2, 0.3
+        return found
+
+    monkeypatch.setattr(pair_checks, "findings", planted)
+    monkeypatch.setattr(LoadStepLoop, "_linear", lambda *given: count.append(0) or linear(*given))
+    lower = RubberBlock(cells=(2, 1, 1), size=(1.0, 0.5, 0.5), held="bottom")
+    upper = RubberBlock(drawn(0.1, 0.0), cells=(1, 1, 1), size=(0.6, 0.5, 0.5), at=(0.1, 0.0, 0.5))
+    contact = coulomb.Contact("upper:bottom", against="lower:top", friction=0.3)
+    with pytest.raises(coulomb.StepFailed, match=r"pair weights 5\.0e-01 .* at x = 0\.1, 0\.2, 0\.3\); tried"):
+        solutions(coulomb.join(lower=lower.body, upper=upper.body), contact, [1.0])
+    assert len(count) <= 12
 
 
 @pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
