@@ -183,9 +183,15 @@ class JudgedPair:
         off -= _OF_LARGEST * max(float(np.max(np.abs(u[nodes]), initial=0.0)) for nodes in self._nodes)
         return np.maximum(off.max(axis=1, initial=0.0), 0.0)
 
-    def findings(self, frames: FloatArray, gap: FloatArray, rows: FloatArray, u: FloatArray) -> PairFindings:
+    def findings(
+        self, frames: FloatArray, gap: FloatArray, rows: FloatArray, u: FloatArray, far: BoolArray
+    ) -> PairFindings:
         """What is off with frames (m, 3, 3), gaps (m,) without given ones, and displacements `rows` (m, 3) in the
-        frames by those of the nodes u (k, 3), metres; collective."""
+        frames by those of the nodes u (k, 3), metres; collective.
+
+        Points that are `far` (m,) from the face opposite transmit nothing by their areas and weights: before folds,
+        where each line may meet one of several layers, these are others by lines.
+        """
         pair = self.pair
         moved = self._displacement(u, frames, rows)
         claims = Claims(self._node, frames[:, 0], gap, pair.points.area, self._held, self._contact.adjust)
@@ -197,7 +203,8 @@ class JudgedPair:
             self._last, known = (claims, off), np.zeros(len(u), dtype=bool)
             known[pair.points.nodes] = known[pair.elsewhere] = known[self._tied] = True
             self._left = self._left_out(known[self._nodes[0]])
-        return findings(pair.face, pair.against, pair.x, self._last[1], self._weights, moved, self._left)
+        weights = np.where(far, 0.0, np.maximum(self._weights, self._last[1].area))
+        return findings(pair.face, pair.against, pair.x, self._last[1], weights, moved, self._left)
 
 
 def findings(
@@ -209,12 +216,12 @@ def findings(
     moved: FloatArray,
     left_out: FloatArray,
 ) -> PairFindings:
-    """The worst at contact points x (m, 3), of the claims of a pair and of what is off in weights and displacements;
-    and the places (q, 3) of nodes that must be contact points and are none."""
+    """The worst at contact points x (m, 3), of the claims of a pair and of what is off in areas and weights and in
+    displacements; and the places (q, 3) of nodes that must be contact points and are none."""
     worst = np.zeros((5, 4))
     if len(left_out):
         worst[4] = len(left_out), *left_out[0]
-    for row, values in zip(worst, (off.gap, moved, off.normal, np.maximum(weights, off.area)), strict=False):
+    for row, values in zip(worst, (off.gap, moved, off.normal, weights), strict=False):
         if len(values):
             at = int(np.argmax(np.where(np.isnan(values), np.inf, values)))
             row[:] = values[at], *x[at]

@@ -232,7 +232,9 @@ def _findings(
         known = body.judged_pair(number)
         place = known.pair.points.before_deformation(known.pair.x)
         given = contact.gap_factor(time, comm) * contact.gap_at(place, comm)
-        found.append(known.findings(frames, gap - given, rows[ends[number] : ends[number + 1]], u))
+        own = rows[ends[number] : ends[number + 1]]
+        far = gap - own[:, 0] > np.sqrt(known.pair.points.area)
+        found.append(known.findings(frames, gap - given, own, u, far))
     return tuple(found)
 
 
