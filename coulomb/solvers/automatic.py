@@ -53,7 +53,7 @@ DECISIVE = (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
 class Automatic(SolverSettings):
     """The interior-point method on the whole problem; if it fails and friction grows with pressure, successive Tresca.
 
-    From an iterate of the interior-point method with a residual of 3e-4 the semismooth Newton method is tried, which
+    From an iterate of the interior-point method with a residual of 3e-3 the semismooth Newton method is tried, which
     takes fewer steps from there, and if it fails the path is followed further.
 
     From the forces of a load step before, the semismooth Newton method is tried first: it takes a third of the steps of

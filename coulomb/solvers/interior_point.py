@@ -77,7 +77,7 @@ _WARM_PRESSURE, _WARM_FRICTION, _WARM_THETA = 0.3, 0.9, 0.03
 """With slope, a start from given forces has x_n at least this many nominal forces inside, |y| at most this, and this
 theta over rms(A x - b)."""
 
-_FINISH_FROM: Final = 3e-4
+_FINISH_FROM: Final = 3e-3
 """Residual of an iterate from which `InteriorPoint.finish` is tried."""
 
 

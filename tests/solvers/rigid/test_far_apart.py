@@ -85,6 +85,14 @@ def worst(A, b, x, bound):
     return (np.linalg.norm(left, axis=1) / np.maximum(force, 1e-2 * force.max())).max()
 
 
+def rounding(A, b, x):
+    """What rounding errors of A x - b in double precision are in `worst`, of n terms sqrt(n) times that of one."""
+    own = np.sqrt(np.diag(A).reshape(-1, 3).mean(axis=1))
+    w = np.sqrt(len(b)) * 2.0**-53 * (np.abs(A) @ np.abs(x) + np.abs(b)).reshape(-1, 3) / own[:, None]
+    force = np.linalg.norm(x.reshape(-1, 3), axis=1) * own
+    return (np.linalg.norm(w, axis=1) / np.maximum(force, 1e-2 * force.max())).max()
+
+
 @pytest.mark.parametrize(
     ("seed", "times", "solver"),
     [(392, 1.0, None), (392, 0.9, None), (392, 2.3, None), (357, 1.0, ConeInteriorPoint(sweeps=False))],
@@ -130,7 +138,7 @@ def test_forces_that_move_nothing_hide_no_error_from_the_given_units():
     assert own.problem(1e-2).accept(answer / own.units)
 
 
-@pytest.mark.parametrize("seed", [95, 338, 370])
+@pytest.mark.parametrize("seed", [95, 338, 370, 412, 420, 517])
 def test_given_slip_bounds(seed):
     """Contacts at the edge of the disc without slip, where a path alone came no nearer than 1e-8 in 200 steps (338,
     370); and slips 10,000 times larger than what the friction forces there could move (95)."""
@@ -138,4 +146,4 @@ def test_given_slip_bounds(seed):
     bound = F * np.abs(b).max() / np.diag(A).mean() * np.random.default_rng(seed + 10**6).uniform(0, 1)
     result = solve_tresca(A, b, bound)
     assert result.status is Status.CONVERGED and result.newton_steps < 500
-    assert worst(A, b, result.x, bound) <= 3e-8
+    assert worst(A, b, result.x, bound) <= 1e-8 + rounding(A, b, result.x)
