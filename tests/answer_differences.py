@@ -5,20 +5,27 @@ import numpy as np
 import coulomb
 
 
-def differs(make, inputs, times=(1.0,), h=1e-4):
+def derived(make, times=(1.0,), tolerance=1e-11):
+    """The load steps of a history, each with its derivatives."""
+    found, steps = [], []
+    for step in coulomb.LoadHistory(list(times), tolerance=tolerance).steps(make()):
+        found = step.solution.sensitivities(found)
+        steps.append((step, found))
+    return steps
+
+
+def differs(make, inputs, times=(1.0,), h=1e-4, present=None):
     """The largest differences of the derivatives of an answer from central differences, over these: of contact forces,
-    displacements, and each of the other totals."""
+    displacements, and each of the other totals; `present` are the steps of `derived`, if they are known."""
     weights = dict(zip(inputs.values(), np.linspace(1.0, -0.6, len(inputs)), strict=True))
 
-    def steps(change=0.0):
+    def last(change):
         made = make(**{name: 1.0 + change * weight for name, weight in weights.items()})
-        return coulomb.LoadHistory(list(times), tolerance=1e-11).steps(made)
+        return [step.solution for step in coulomb.LoadHistory(list(times), tolerance=1e-11).steps(made)][-1]
 
-    found = []
-    for step in steps():
-        found = step.solution.sensitivities(found)
+    step, found = (present or derived(make, times))[-1]
     assert {one.name for one in found} == set(inputs) and min(one.step for one in found) > h
-    more, less = ([step.solution for step in steps(change)][-1] for change in (h, -h))
+    more, less = map(last, (h, -h))
 
     def off(derivatives, of, least=1e-12, smallest=0.0):
         derivative = sum(weights[inputs[one.name]] * np.asarray(derivatives(one)) for one in found)

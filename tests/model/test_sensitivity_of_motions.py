@@ -9,6 +9,7 @@ import pytest
 from answer_differences import differs
 from conftest import run_coulomb
 from drawn_block import backwards, weights
+from test_parallel_gradients import owed_by_name
 
 import coulomb
 
@@ -165,19 +166,11 @@ def test_backwards_along_motions_they_agree_with_those_forward(make):
         for one in earlier:
             value = np.sum(of_x * one.contact_force) + np.sum(of_u * one.displacement)
             forward[one.name] = forward.get(one.name, 0.0) + value
-    owed = dict.fromkeys(forward, 0.0)
+    owed = dict[str, float]()
     for answer, gradient in backwards(answers):
-        problem, bound = answer.problem, gradient.bound * answer.slip_bound
-        body, before = problem.elasticity, problem.before
-        rates = [one.body.prescribed_rate(before and before.time) for one in body.members]
-        owed[f"friction of {problem.surface.faces[0]!r}"] += np.sum(bound)
-        owed["prescribed displacements"] += np.sum(gradient.prescribed * np.concatenate(rates))
-        owed["young"] += gradient.young[""].sum()
-        if problem.loading.temperature is not None:
-            owed["temperature change"] += np.sum(gradient.temperature * problem.loading.temperature.change)
-        for load in body.loads_in(problem.loading):
-            owed[f"{load.kind} on {load.face!r}"] += np.sum(gradient.load * load.forces)
-    known = {name: value for name, value in owed.items() if not name.startswith("motion")}
+        for name, part in owed_by_name(answer, gradient).items():
+            owed[name] = owed.get(name, 0.0) + part
+    known = {name: owed[name] for name in forward if not name.startswith("motion")}
     assert known == {name: pytest.approx(forward[name], rel=1e-6, abs=1e-3) for name in known}
     assert min(map(abs, known.values())) > 1.0
     with pytest.raises(ValueError, match="small strains alone"):
