@@ -130,7 +130,7 @@ def test_a_run_is_that_of_the_contacts_given_by_hand():
     by_hand = head + BY_HAND + bodies.partition("friction = 0.3")[2].replace("pad.msh", "named.msh")
     Path("hand.toml").write_text(by_hand)
     run_coulomb("run", "hand.toml", "--output", "hand", *tight)
-    for ranks, out in ((3, "ranks"), (None, "auto")):
+    for ranks, out in ((2, "ranks"), (None, "auto")):
         done = run_coulomb("run", "case.toml", "--output", out, *tight, ranks=ranks)
         shown = [line for line in done.stdout.splitlines() if line.startswith("found")]
         assert "'base:top' against 'pad:facing_base': 0.32 m^2 face each other, gap 0 m" in shown[0] and len(shown) == 2

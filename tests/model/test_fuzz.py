@@ -28,7 +28,6 @@ SOLVERS = {
     "interior point": InteriorPoint(1e-8),
     "interior point, dense": InteriorPoint(1e-8, newton=DenseSystem()),
     "successive Tresca": SuccessiveTresca(1e-8, max_iterations=30),
-    "plain": SuccessiveTresca(1e-8, memory=0, damping=1.0, max_iterations=20),
     "arrays": ByArrays(),
 }
 
@@ -73,7 +72,6 @@ GIVING_UP = {
     "interior point": 0.2,
     "interior point, dense": 0.25,
     "successive Tresca": 0.1,
-    "plain": 0.25,
     "arrays": 0.1,
 }
 """Permitted share of failures of a solver, about twice the actual one: a third of the problems are rank-deficient, with
