@@ -41,11 +41,16 @@ SLOW = [line for line in DATA.with_name("slow.txt").read_text().split("\n") if l
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items):
-    """The tests of slow.txt, a function or one of its cases each, are marked so."""
+def pytest_collection_modifyitems(config, items):
+    """The tests of slow.txt, a function or one of its cases each, are marked so; those that compare several ranks with
+    one are left out on one rank."""
     for item in items:
         if item.nodeid in SLOW or item.nodeid.partition("[")[0] in SLOW:
             item.add_marker("slow")
+    if MPI.COMM_WORLD.size == 1:
+        of_ranks = [item for item in items if item.get_closest_marker("ranks")]
+        config.hook.pytest_deselected(items=of_ranks)
+        items[:] = [item for item in items if item not in of_ranks]
 
 
 @pytest.fixture(autouse=True)

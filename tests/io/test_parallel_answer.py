@@ -15,5 +15,6 @@ def algebraic(comm):
     return answer_of(problem.solve(1e-10), 1e-3).algebraic  # as if it were loose: some nodes may be open or closed
 
 
+@pytest.mark.ranks
 def test_the_algebraic_parts_are_those_of_one_rank():
     assert algebraic(MPI.COMM_WORLD) == pytest.approx(algebraic(MPI.COMM_SELF), rel=1e-6)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from mpi4py import MPI
 
 from coulomb import Clamp, Contact, ContactProblem, Material, Traction, box
@@ -15,6 +16,7 @@ def bars(comm):
     return problem.solve(1e-10).error()
 
 
+@pytest.mark.ranks
 def test_the_bars_are_those_of_one_rank():
     ours, alone = bars(MPI.COMM_WORLD), bars(MPI.COMM_SELF)
     np.testing.assert_allclose(ours.relative_stress_error, alone.relative_stress_error, rtol=1e-6)
@@ -34,5 +36,6 @@ def of_the_other_order(comm):
     return found
 
 
+@pytest.mark.ranks
 def test_the_error_of_the_stress_by_the_other_order_is_that_of_one_rank():
     np.testing.assert_allclose(of_the_other_order(MPI.COMM_WORLD), of_the_other_order(MPI.COMM_SELF), rtol=1e-6)

@@ -12,6 +12,7 @@ COMM = MPI.COMM_WORLD
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.ranks
 def test_the_same_meshes_and_bars_as_on_one_rank(cell):
     def refined(comm):
         mesh = box((2.0, 1.0, 1.0), (4, 2, 2), cell, comm=comm)

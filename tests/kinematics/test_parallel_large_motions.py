@@ -22,6 +22,7 @@ def test_a_pressed_block_has_the_stress_of_the_formula():
     assert step.solution.at_nodes.totals()["normal_force"] == pytest.approx(-stress(0.6), rel=1e-7)
 
 
+@pytest.mark.ranks
 def test_two_bodies_slide_past_each_other_as_on_one_rank():
     def way(time, x):
         return np.array([[0.3 * max(time - 1.0, 0.0)], [0.0], [-0.05 * min(time, 1.0)]]) + 0.0 * x
@@ -40,6 +41,7 @@ def test_two_bodies_slide_past_each_other_as_on_one_rank():
     assert force(MPI.COMM_SELF) == pytest.approx([along, 0.0, across], rel=1e-7, abs=1e-3)
 
 
+@pytest.mark.ranks
 def test_a_case_has_the_rows_of_one_rank():
     """On a curved foundation, with facets so coarse that a warning is logged on one rank."""
     case = Case.model_validate(tomllib.loads(DRAWN))
@@ -54,6 +56,7 @@ def test_a_case_has_the_rows_of_one_rank():
                 assert there[name] == pytest.approx(here[name], rel=1e-7, abs=1e-7 * size)
 
 
+@pytest.mark.ranks
 def test_a_turned_bolt_follows_the_other_side_as_on_one_rank():
     def followed(comm):
         body = bolted_bar(comm)[0].elasticity
@@ -143,6 +146,7 @@ def test_a_constant_of_an_equation_compresses_as_the_formula_says():
         assert step.row["energy_prescribed"] == pytest.approx(work, rel=1e-7)
 
 
+@pytest.mark.ranks
 def test_a_rigid_face_turned_by_a_moment_is_the_same_on_one_rank():
     """In a plane, against its spring: the moment is the spring's, k times the angle, and friction's."""
 

@@ -54,6 +54,7 @@ def test_block_against_the_independent_solver(p, law):
 
 
 @pytest.mark.parametrize(("name", "error", "options"), CASES)
+@pytest.mark.ranks
 def test_the_certificate_does_not_depend_on_the_partition(name, error, options):
     """Each rank has its nodes, the last one none."""
     evidence, turnover = synthetic_evidence(**options)
@@ -68,6 +69,7 @@ def test_the_certificate_does_not_depend_on_the_partition(name, error, options):
 
 @pytest.mark.parametrize("newton", ["default", "condensed"])
 @pytest.mark.parametrize("law", ["coulomb", "tresca"])
+@pytest.mark.ranks
 def test_same_forces_on_any_number_of_ranks(law, newton):
     """Multigrid, matrix-free: to 1e-8 of what one rank gets by factorisation (each rank solves that for itself)."""
 
@@ -84,6 +86,7 @@ def test_same_forces_on_any_number_of_ranks(law, newton):
 @pytest.mark.parametrize(
     "options", [{}, {"linear_solver": IterativeSolver, "explicit": False}], ids=["default", "multigrid"]
 )
+@pytest.mark.ranks
 def test_same_history_on_any_number_of_ranks(options):
     """A ball pressed in and dragged along: frames turn, slip counts from step to step, energies add up, to 1e-8."""
     alone, history = indentation(comm=MPI.COMM_SELF)

@@ -121,6 +121,7 @@ def contact_points(bodies, pair, over):
         (lambda over: JoinedBodies(two(comm=over)), "upper:bottom", "lower:top"),
     ],
 )
+@pytest.mark.ranks
 def test_contact_points_are_those_of_one_rank(bodies, face, against):
     """Each rank has the facets near its own nodes only."""
     alone, together = bodies(MPI.COMM_SELF), bodies(MPI.COMM_WORLD)

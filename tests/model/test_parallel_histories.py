@@ -114,6 +114,7 @@ def motion(t):
     ],
     ids=["Coulomb", "Tresca", "orthotropic, all held", "moving foundation"],
 )
+@pytest.mark.ranks
 def test_pulled_on_any_number_of_ranks(cell, face, friction, moved, newton):
     """Multigrid on the ranks to 1e-8 of the factorised problem on one (each rank solves that for itself)."""
     solver = InteriorPoint(1e-10, newton=CondensedSystem()) if newton == "condensed" else None
@@ -138,6 +139,7 @@ def test_pulled_on_any_number_of_ranks(cell, face, friction, moved, newton):
     assert many[-1].row["slip"] == len(alone.surface.nodes)
 
 
+@pytest.mark.ranks
 def test_a_history_of_one_rank_goes_on_with_what_was_accumulated(tmp_path):
     """From the files of its first step, on all ranks."""
     folder, history, last = comm.bcast(tmp_path), LoadHistory([1.0, 2.0, 3.0], tolerance=1e-10), []

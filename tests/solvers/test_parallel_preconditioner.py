@@ -93,6 +93,7 @@ def test_a_node_whose_equations_were_nearly_singular_leaves_no_rounding_errors()
     np.testing.assert_allclose(moving(r), expected, rtol=1e-11, atol=1e-11 * np.abs(expected).max())
 
 
+@pytest.mark.ranks
 def test_ranks_apply_what_one_rank_does():
     """At one point and at others, of which some change nodes of one rank only; the last of several has none."""
     mine = np.arange(NODES) * max(COMM.size - 1, 1) // NODES == COMM.rank

@@ -21,6 +21,7 @@ comm = MPI.COMM_WORLD
 
 
 @pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
+@pytest.mark.ranks
 def test_a_history_from_forms(cell, degree):
     history = LoadHistory([1.0, 2.0], tolerance=1e-10)
     alone = history.steps(both(cell, degree, comm=MPI.COMM_SELF)[1])

@@ -43,6 +43,7 @@ def problem(cell, degree, ranks, **options):
 
 
 @pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
+@pytest.mark.ranks
 def test_two_materials_with_a_temperature_field(cell, degree, tmp_path_factory):
     alone, together = (problem(cell, degree, ranks).solve(1e-10) for ranks in (MPI.COMM_SELF, comm))
     expected = by_place(alone.problem.elasticity.x, alone.displacement)

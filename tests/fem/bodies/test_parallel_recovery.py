@@ -35,6 +35,7 @@ def errors(ranks):
     return found, places
 
 
+@pytest.mark.ranks
 def test_errors_of_cells_are_those_of_one_rank():
     (alone, at), (together, here) = errors(MPI.COMM_SELF), errors(comm)
     assert relative_error(together.values()) == pytest.approx(relative_error(alone.values()), rel=1e-10)

@@ -52,6 +52,7 @@ def test_wrong_gaps_are_errors_on_all_ranks():
 
 
 @pytest.mark.parametrize("given", [{}, {"smooth": True}, {"surface": Cylinder((0, 0, 0), (0, 1, 0), RADIUS)}], ids=str)
+@pytest.mark.ranks
 def test_ranks_find_the_same_gaps_and_chords_of_a_roller(given):
     """With the facets as they are, smooth, and by the surface; and the same forces."""
     alone, together = (rolled(6, "tetrahedron", 1, 3e5, 0.3, over, **given) for over in (MPI.COMM_SELF, comm))

@@ -55,6 +55,7 @@ def apart(body):
 @pytest.mark.parametrize(
     ("cell", "degree", "solver"), [("hexahedron", 1, IterativeSolver), ("tetrahedron", 2, DirectSolver)]
 )
+@pytest.mark.ranks
 def test_ranks_find_what_one_does(cell, degree, solver):
     tolerance = 1e-9  # of every contact's own force: of the body that touches nothing 1e-10 is left by rounding errors
     alone, together = (
@@ -74,6 +75,7 @@ def test_ranks_find_what_one_does(cell, degree, solver):
         assert np.abs(off).max() <= 1e-5 * np.abs(of_one[name]).max(), name
 
 
+@pytest.mark.ranks
 def test_a_sector_with_its_axis(linear_solver=IterativeSolver):
     """The quarter of `test_cyclic_symmetry` on ranks."""
 
@@ -93,6 +95,7 @@ def test_a_sector_with_its_axis(linear_solver=IterativeSolver):
     assert moments[0] == pytest.approx(moments[1], rel=1e-9)
 
 
+@pytest.mark.ranks
 def test_a_plate_that_turns():
     """A rigid face, whose motion is described by nodes of few ranks."""
 
@@ -112,6 +115,7 @@ def test_a_plate_that_turns():
             assert np.abs(getattr(one, name) - getattr(other, name)).max() <= 1e-5 * scale, name
 
 
+@pytest.mark.ranks
 def test_a_slice_whose_back_stays_plane():
     def slice_of(over, degree, solver=None):
         back, load = RigidFace("back", along="free"), PointLoad("top", (0.0, 2e3, -1e4), (0.0, 200.0, 0.0))
@@ -132,6 +136,7 @@ def test_a_slice_whose_back_stays_plane():
         assert np.abs(one.rotation - other.rotation).max() <= 1e-6 * np.abs(one.rotation).max()
 
 
+@pytest.mark.ranks
 def test_a_block_that_a_spring_alone_holds():
     def held(over, solver=None):
         face = RigidFace("left", translation_stiffness=(1e6, 2e6, 4e6), rotation_stiffness=(2e4, 3e4, 1e4))
@@ -182,6 +187,7 @@ def tightened(over, solver):
     ]
 
 
+@pytest.mark.ranks
 def test_ranks_tighten_and_lock_as_one_does():
     one, *several = (
         tightened(over, solver)
