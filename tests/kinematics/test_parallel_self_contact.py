@@ -19,9 +19,9 @@ def test_arms_pressed_shut_as_two_faces_on_one_rank():
 
 
 def test_a_fold_that_is_not_there_before_deformation_as_two_faces_on_one_rank():
-    skin = folded(open_strip(MPI.COMM_WORLD, 12), Contact("skin", 0.3, against="skin"))
-    pair = folded(open_strip(MPI.COMM_SELF, 12), Contact("low", 0.3, against="high", slave=True))
-    (*_, one), (*_, other) = (LoadHistory((0.5, 1.0, 2.0)).steps(problem) for problem in (skin, pair))
+    skin = folded(open_strip(MPI.COMM_WORLD, 16), Contact("skin", 0.3, against="skin"))
+    pair = folded(open_strip(MPI.COMM_SELF, 16), Contact("low", 0.3, against="high", slave=True))
+    (*_, one), (*_, other) = (LoadHistory((0.4, 0.7, 1.0, 1.5, 2.0)).steps(problem) for problem in (skin, pair))
     assert one.solution.valid and one.solution.at_nodes.totals()["normal_force"] > 1e5
     assert one.solution.at_nodes.totals()["force"] == pytest.approx(
         other.solution.at_nodes.totals()["force"], rel=1e-6, abs=0.1
