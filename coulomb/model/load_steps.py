@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
@@ -10,9 +11,9 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray, Int32Array, in_words, unit_vectors
-from ..fem.bodies import Deformable, JoinedBodies, component_modes, free_motions
+from ..fem.bodies import Deformable, JoinedBodies, component_modes, free_motions, nonlinear
 from ..fem.contact import Ways, facet_patch, inside_of, into_foundation, through_each_other, two_sides
-from ..fem.geometry import RigidFoundation
+from ..fem.geometry import RigidFoundation, rotation_matrix
 from ..fem.meshes import SEPARATOR
 from ..linalg.reductions import Reductions
 from ..units import amount
@@ -21,6 +22,8 @@ from .contact_body import ContactBody
 from .contact_faces import StatePoints
 from .iterate import Iterate, Linearised
 from .provenance import now, timed
+
+_log = logging.getLogger(__name__)
 
 _ARM: Final = 1e-3
 """Largest distance of tied faces over the root of a node's area; chords of a ring of facets of 4 degrees leave 2e-4."""
@@ -31,6 +34,12 @@ the face: edges of a face may press aside, and a little backwards."""
 
 _LINE: Final = 1e-6
 """Ratio of the second moments of nodes across and along a line below which they are on it."""
+
+_TURN: Final = np.array([0.05, 0.1, 0.15])
+"""Rotation vector of a body as a whole in radians, by which no energy of strains changes; and shears beside it."""
+
+_OBJECTIVE: Final = 1e-6
+"""Energy of this rotation over that of the shears up to which it is a rounding error."""
 
 
 class LoadSteps:
@@ -70,6 +79,7 @@ class LoadSteps:
         self.held_by_contact = self._left_free()
         self._refuse_ties_across_gaps()
         self._refuse_sections_on_lines()
+        self._warn_of_energies_by_turns()
         self._methods = linear_solver_of(linear_solver), explicit
         self.contacts = tuple(
             replace(one, slave=True)
@@ -209,6 +219,24 @@ class LoadSteps:
                     f"{bolt.given.what}: the nodes that follow the other side are on a line, about which the rotation "
                     "of the bolt would be unknown: use a finer mesh, or end supports before the section"
                 )
+
+    def _warn_of_energies_by_turns(self) -> None:
+        """Of energies of the user's that change as the body turns as a whole, as those of small strains do; those with
+        terms on the surface may be of springs to the ground; collective."""
+        for member in self.elasticity.members:
+            body, x = nonlinear(member.body), member.body.reference
+            if body.materials is not None or body.resists_translation:
+                continue
+            turned, sheared = map(body.strain_energy, (x @ rotation_matrix(_TURN).T - x, x[:, [1, 2, 0]] * _TURN))
+            if turned is not None and sheared is not None and abs(turned) > _OBJECTIVE * abs(sheared):
+                if self.elasticity.comm.rank == 0:
+                    _log.warning(
+                        "forms%s: the energy changes by %.2g J as the body turns by %.2g rad as a whole: it is not "
+                        "objective, as one of small strains; in large motions let it depend on F.T * F",
+                        f" of body {member.name!r}" if member.name else "",
+                        turned,
+                        np.linalg.norm(_TURN),
+                    )
 
     def posed(
         self,

@@ -59,6 +59,29 @@ def test_energies_and_loads_are_those_of_the_built_in_material(given):
         assert ratio[1] == pytest.approx(ratio[0], rel=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("energy", "skin", "warned"),
+    [
+        (
+            lambda u: LAME / 2.0 * ufl.div(u) ** 2 + MU * ufl.inner(ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(u))),
+            None,
+            True,
+        ),
+        (lambda u: neo_hookean(u, MU, LAME) - BODY_FORCE[0] * u[0], None, False),
+        (lambda u: neo_hookean(u, MU, LAME), lambda u, n: 0.5 * SPRING[1] * u[1] ** 2, False),
+    ],
+    ids=["small strains", "with a load", "with springs"],
+)
+def test_an_energy_that_changes_as_the_body_turns_is_named(energy, skin, warned, caplog):
+    """One of small strains was valid without a word; loads and springs to the ground are none of strains."""
+    LargeMotions(RubberBlock(held="left", energy=energy, skin=skin).body, CONTACT)
+    said = [one.getMessage() for one in caplog.records if "not objective" in one.getMessage()]
+    assert len(said) == warned
+    if warned:  # e = cos a - 1 across the axis, twice: (LAME 2 + 2 MU) e^2 = 2 (LAME + MU) e^2 of a volume of 1
+        e = 1.0 - np.cos(np.linalg.norm([0.05, 0.1, 0.15]))
+        assert f" {2.0 * (LAME + MU) * e**2:.2g} J" in said[0]
+
+
 def test_small_motions_are_about_no_displacement():
     """Whatever the function of the displacement has been set to before, as by an answer of large motions; the force is
     that of the linear material."""
