@@ -30,7 +30,7 @@ from ..linalg.reductions import Reductions
 from ..solvers.results import NotConverged, SolverResult, Status
 from ..solvers.rigid_motions import NO_MOTION
 from ..units import amount
-from .certificate import LIMIT, Certificate, Evidence, judge
+from .certificate import LIMIT, RESOLUTION, Certificate, Evidence, judge
 from .certificate_scales import place_of_largest
 from .discrete_problem import DiscreteProblem
 from .equilibrium import running_away
@@ -114,6 +114,9 @@ def _friction(force: FloatArray) -> FloatArray:
 
 CERTIFIED_FROM: Final = 1e-8
 """Largest tolerance (the default) at which the answer must pass the certificate; above it only the residual counts."""
+
+_NEAR: Final = 1e-2
+"""Residual up to which the rounding errors of an iterate are those of an answer."""
 
 _FAR: Final = 10.0
 """Displacements beyond this many times the extent of the bodies are worth a word where a solver fails."""
@@ -221,6 +224,7 @@ class StoppingCriterion:
                 running_away(problem, result),
                 str(failure),
                 _worst(problem, result),
+                self._unresolved(result),
                 _shared(problem),
                 implausible_sizes(problem),
             )
@@ -238,6 +242,15 @@ class StoppingCriterion:
             f"{failure}; failing conditions: {failing_conditions(certificate)}; what may help: {', or '.join(remedies)}"
         )
         return NotConverged(said, result)
+
+    def _unresolved(self, result: SolverResult) -> str:
+        """That rounding errors, as of a thin sheet that bends far more easily than its cells are compressed, leave
+        forces near an answer undetermined, in words; else empty; collective."""
+        if not result.residual <= _NEAR:
+            return ""
+        check = self.answer(result.x, result.rigid).certificate[RESOLUTION]
+        soft = "bodies move far more easily than their cells are deformed, as thin sheets do"
+        return "" if check.passed else f"{soft}: {check.meaning}"
 
 
 def _worst(problem: DiscreteProblem, result: SolverResult) -> str:

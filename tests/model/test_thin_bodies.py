@@ -340,7 +340,9 @@ def test_what_rounding_may_leave_of_the_forces_of_a_sheet():
 def test_unresolved_forces_of_a_thinner_sheet():
     """From mesh to mesh its forces differ by 1 and more."""
     problem = thin(6e-5)
-    with pytest.raises(NotConverged) as failure:
+    with pytest.raises(
+        NotConverged, match=r"as thin sheets do: forces are unresolved: rounding .* of 'bottom'"
+    ) as failure:
         problem.solve(solver=InteriorPoint(max_iterations=15))
     check = problem.solution(failure.value.result).certificate["resolution"]
     assert not check.passed and "forces are unresolved: rounding may leave so much of the largest" in check.meaning
