@@ -189,11 +189,14 @@ def _judge(contents: Mapping[str, Any], grids: Grids, answer: NodalAnswer, force
 
 
 def _answer(at: Fields, contents: Mapping[str, Any], several: bool) -> NodalAnswer:
-    """The answer at the contact points, by their fields; ValueError if they have no axes or area.  Where a face has a
-    largest friction, which may be a function of place, it is the bound in the files."""
+    """The answer at the contact points, by their fields; ValueError if they have no axes or area.  The largest friction
+    of a face is that in the summary, or where it is a function of place the bound in the files, between the smallest
+    and the largest."""
     faces, part = contents["faces"], np.round(at["face"]).astype(np.int64)
-    limited = np.array([face.get("friction_limit") is not None for face in faces])[part]
-    limit = np.where(limited, at["slip_bound"], np.inf) if np.any(limited) else None
+    given = [face.get("friction_limit") for face in faces]
+    ends = [(one["min"], one["max"]) if isinstance(one, Mapping) else (one or np.inf,) * 2 for one in given]
+    low, high = np.array(ends)[part].T * at["area"]
+    limit = None if all(one is None for one in given) else np.clip(at["slip_bound"], low, high)
     frames = np.stack([at["normal"], at["tangent_1"], at["tangent_2"]], axis=1)
     if np.any(np.abs(np.linalg.det(frames)) < 1e-6):
         raise ValueError(f"{CONTACT}: normal and tangents of a contact point are no axes")

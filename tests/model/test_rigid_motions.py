@@ -294,5 +294,5 @@ def test_a_body_that_slides_out_between_walls_is_no_answer(follows):
         rigid_faces=[RigidFace("upper:top")] if follows == "rigid" else [],
         small_strain="warn",
     )
-    with pytest.raises(NotConverged, match="along -z with 1 kN, of which contact holds"):
+    with pytest.raises(NotConverged, match=r"loads push .*, of which contact holds"):  # along -z, or turned by rounding
         problem.solve()
