@@ -193,15 +193,15 @@ def _answer(at: Fields, contents: Mapping[str, Any], several: bool) -> NodalAnsw
     of a face is that in the summary, or where it is a function of place the bound in the files, between the smallest
     and the largest."""
     faces, part = contents["faces"], np.round(at["face"]).astype(np.int64)
-    given = [face.get("friction_limit") for face in faces]
-    ends = [(one["min"], one["max"]) if isinstance(one, Mapping) else (one or np.inf,) * 2 for one in given]
-    low, high = np.array(ends)[part].T * at["area"]
-    limit = None if all(one is None for one in given) else np.clip(at["slip_bound"], low, high)
     frames = np.stack([at["normal"], at["tangent_1"], at["tangent_2"]], axis=1)
     if np.any(np.abs(np.linalg.det(frames)) < 1e-6):
         raise ValueError(f"{CONTACT}: normal and tangents of a contact point are no axes")
     if np.any(at["area"] <= 0.0):
         raise ValueError(f"{CONTACT}: area of a contact point is not positive")
+    given, limit = [face.get("friction_limit") for face in faces], None
+    if any(one is not None for one in given):
+        ends = [(one["min"], one["max"]) if isinstance(one, Mapping) else (one or np.inf,) * 2 for one in given]
+        limit = np.clip(at["slip_bound"], *(np.array(ends)[part].T * at["area"]))
     rows = np.einsum("kij,kj->ki", frames, at["slip"])
     rows[:, 0] = at["initial_gap"] - at["gap"]
     return NodalAnswer(
