@@ -144,6 +144,21 @@ def test_few_iterations(springs):
     solver.destroy()
 
 
+@pytest.mark.parametrize("cells", [2, 5])
+def test_corners_between_supports(cells):
+    """10-node tetrahedra whose edges from a corner all lie on supports: on the grid of vertices nothing moves there.
+    One coarse grid, and several."""
+    mesh = box((1.0, 1.0, 1.0), (cells, cells, cells), "tetrahedron", degree=2, comm=COMM)
+    body = Elasticity(mesh, Material(1e9, 0.3), [Clamp("right"), Clamp("front")])
+    K = body.K
+    f, u = K.createVecs()
+    f.array[:] = np.sin(np.arange(*K.getOwnershipRange()))
+    solver = stiffness.IterativeSolver(K, tolerance=1e-8)
+    solver.solve(f, u)
+    assert (K * u - f).norm() <= 1.1e-8 * f.norm() and solver.iterations <= 30
+    solver.destroy()
+
+
 def test_materials_far_apart():
     """Rubber with mean dilatations under steel, held by friction alone: as if the stiffness were factorised.
 

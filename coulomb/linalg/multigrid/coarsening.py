@@ -325,8 +325,15 @@ def _gathered(P: DistributedBlocks, pointers: _Array, columns: _Array, blocks: F
 
 
 def with_diagonal(matrix: DistributedEntries) -> DistributedEntries:
-    """With mean numbers where the diagonal is 0, in rows of motions that an aggregate does not have."""
+    """With mean numbers where the diagonal is 0, in rows of motions that an aggregate does not have, or missing, in
+    rows of vertices whose cells have all their nodes of second order on supports."""
     indptr, indices, values = matrix.own
+    empty = np.flatnonzero(np.diff(indptr) == 0).astype(np.int32)
+    if len(empty):
+        at = indptr[empty]
+        indices, values = np.insert(indices, at, empty), np.insert(values, at, 0.0)
+        indptr = indptr + np.searchsorted(empty, np.arange(len(indptr))).astype(np.int32)
+        matrix = matrix._replace(own=matrix.own._replace(indptr=indptr, indices=indices, values=values))
     row = np.repeat(np.arange(len(indptr) - 1, dtype=np.int32), np.diff(indptr))
     at = np.flatnonzero(indices == row)
     none = values[at] == 0.0
