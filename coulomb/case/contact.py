@@ -20,7 +20,7 @@ from .values import (
     ORTHOTROPIC,
     TABLES,
     AlongAxes,
-    Clearance,
+    Closed,
     Direction,
     Friction,
     Length,
@@ -181,7 +181,7 @@ class ContactTable(Table):
     gap: SpatialGap = 0.0
     gap_amplitude: AmplitudeTable | None = None
     against: Name | None = None
-    adjust: Clearance = 0.0
+    adjust: Closed = 0.0
     smooth: bool = False
     surface: FoundationTable | None = None
     against_surface: FoundationTable | None = None
@@ -196,7 +196,7 @@ class ContactTable(Table):
     @model_validator(mode="after")
     def _one_thing_to_touch(self) -> ContactTable:
         if self.against is None:
-            if self.adjust:
+            if np.any(self.adjust):
                 raise ValueError("adjust goes with against: it closes gaps between two meshes; for foundations use gap")
             if self.slave:
                 raise ValueError("slave goes with against: a face on a foundation has the contact points itself")
@@ -408,7 +408,7 @@ class AutoPairTable(Table):
 
     of: tuple[Name, Name]
     friction: _OneLaw | None = None
-    adjust: Clearance | None = None
+    adjust: Closed | None = None
     smooth: bool | None = None
     slave: bool = False
     leave_out: bool = False
@@ -432,7 +432,7 @@ class AutoContactTable(Table):
 
     distance: Length
     friction: _OneLaw
-    adjust: Clearance = 0.0
+    adjust: Closed = 0.0
     smooth: bool = False
     pair: Annotated[tuple[AutoPairTable, ...], Field(max_length=TABLES)] = ()
 

@@ -200,7 +200,7 @@ FileName = Annotated[str, Field(min_length=1, max_length=1000), AfterValidator(_
 
 # --- values that depend on place -------------------------------------------------------------------------------------
 
-NUMBER, EXPRESSION, FIELD = "a number", "an expression", "a field of a file"
+NUMBER, TWO_NUMBERS, EXPRESSION, FIELD = "a number", "two numbers", "an expression", "a field of a file"
 
 
 def _expression(text: str) -> str:
@@ -240,6 +240,13 @@ SpatialFriction = Annotated[Annotated[Friction, Tag(NUMBER)] | Annotated[Express
 SpatialStress = Annotated[Annotated[Stress, Tag(NUMBER)] | Annotated[Expression, Tag(EXPRESSION)], _OneKind]
 SpatialSpeed = Annotated[Annotated[Speed, Tag(NUMBER)] | Annotated[Expression, Tag(EXPRESSION)], _OneKind]
 SpatialVector = tuple[SpatialNumber, SpatialNumber, SpatialNumber]
+
+Closed = Annotated[
+    Annotated[Clearance, Tag(NUMBER)] | Annotated[tuple[Clearance, Clearance], Tag(TWO_NUMBERS)],
+    Discriminator(lambda given: TWO_NUMBERS if isinstance(given, list | tuple) else NUMBER),
+]
+"""The size of the gaps and penetrations that are closed, or one of each."""
+
 SpatialGap = Annotated[
     Annotated[Number, Tag(NUMBER)] | Annotated[Expression, Tag(EXPRESSION)] | Annotated[FieldTable, Tag(FIELD)],
     Discriminator(_kind),

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from .cards import Card, key_of
+from .cards import Card, key_of, number_of
 from .materials import modulus_of
 from .node_surfaces import facets_with_nodes
 from .reading import Reading
@@ -66,7 +66,9 @@ def general_contact(of: Reading) -> dict[str, Any]:
         raise card.fault("general contact of all faces keeps its property")
     distance = _NEAR * _extent(of)
     of.notes.append(f"general contact: faces within {distance:.3g} of each other become pairs ([auto_contact])")
-    return {"distance": distance, "friction": _coefficient(interaction.friction)}
+    return {"distance": distance, "friction": _coefficient(interaction.friction)} | (
+        {} if of.large else {"adjust": [0.0, _edge(of)]}
+    )
 
 
 def _included(of: Reading) -> list[tuple[Card, int, list[str], str]]:
@@ -394,25 +396,24 @@ def _limit(card: Card | None) -> float | None:
 
 
 def _adjusted(of: Reading, card: Card, clearance: float | None) -> dict[str, Any]:
-    """Gaps that are closed without strain (ADJUST), or that are given (*CLEARANCE); in large motions those of the mesh
-    stay."""
+    """Gaps that are closed without strain (ADJUST), with all overlaps, or that are given (*CLEARANCE); in large motions
+    those of the mesh stay.  Abaqus' general contact closes overlaps alone."""
     if of.large and (clearance is not None or card.get("ADJUST")):
         of.notes.append(f"line {card.line}: large motions measure gaps between the facets as they are: none is closed")
         return {"gap": clearance} if clearance else {}
     if clearance is not None:
         return {"adjust": _extent(of)} | ({"gap": clearance} if clearance else {})
+    if card.kind == "CONTACTINCLUSIONS" and not of.large:
+        return {"adjust": [0.0, _edge(of)]}
     given = card.get("ADJUST")
     if not given:
         return {}
     try:
-        value = float(given)
+        value = number_of(given)
     except ValueError:
         of.notes.append(f"ADJUST={given}: gaps of all nodes of the pair are closed without strain")
         return {"adjust": _extent(of)}
-    if value == 0.0:
-        of.notes.append("ADJUST=0: overlaps up to a thousandth of the model are closed without strain, and so are gaps")
-        return {"adjust": 1e-3 * _extent(of)}
-    return {"adjust": value}
+    return {"adjust": [value, _extent(of)]}
 
 
 def _extent(of: Reading) -> float:

@@ -132,7 +132,7 @@ def contacts_of_large_motions(arguments: Mapping[str, Any], contacts: Sequence[C
         for member in arguments["mesh"].members:
             nonlinear(member.body)
     for one in contacts:
-        if one.adjust or one.smooth or one.surface or one.against_surface:
+        if any(one.closed) or one.smooth or one.surface or one.against_surface:
             raise ValueError(
                 f"contact face {one.face!r}: adjust, smooth and surface describe the undeformed place; large motions "
                 "measure gaps between the facets as they are"

@@ -236,7 +236,8 @@ class Contact:
             the face itself: its facets that are before each other become two faces, "skin_facing_itself_1" and
             "skin_facing_itself_2", in large motions at the beginning of every load step.
         adjust: Gaps and penetrations between two deformable faces up to this size in metres, as meshes leave them where
-            surfaces are the same, are closed before deformation, without strain.
+            surfaces are the same, are closed before deformation, without strain.  Of two sizes the first is for gaps,
+            the second for penetrations.
         smooth: The facets of first order of a pair stand for smooth surfaces, with the mean normals at their corners,
             when its gap is measured.
         surface: The surface for which the facets of the face stand when the gap of a pair is measured: a `Cylinder`, a
@@ -283,7 +284,7 @@ class Contact:
     gap: Coefficient = 0.0
     gap_amplitude: Amplitude = 1.0
     against: str | None = None
-    adjust: float = 0.0
+    adjust: float | Sequence[float] = 0.0
     smooth: bool = False
     surface: RigidFoundation | None = None
     against_surface: RigidFoundation | None = None
@@ -318,13 +319,16 @@ class Contact:
             raise ValueError("contact: thermal: temperature is for rigid foundations: give a pair none")
         if (self.friction is None) == (self.slip_stress is None):
             raise ValueError("contact: give either friction (Coulomb) or slip_stress (Tresca), one of the two")
-        if not is_number(self.adjust):
-            raise ValueError(f"contact: adjust must be a number of metres >= 0, but is {self.adjust!r}")
+        if np.shape(self.adjust) not in ((), (2,)) or not all(map(is_number, np.ravel(self.adjust))):
+            raise ValueError(
+                f"contact: adjust must be a number of metres >= 0, or one for gaps and one for penetrations, but is "
+                f"{self.adjust!r}"
+            )
         if self.depth is not None and not (self.against is not None and is_number(self.depth) and self.depth > 0.0):
             raise ValueError(f"contact: depth is a number of metres > 0 of a pair, but is {self.depth!r}")
         if self.against is not None:
             self._refuse_foundation()
-        elif self.adjust:
+        elif any(self.closed):
             raise ValueError("contact: adjust is for faces against a deformable face; for foundations use gap")
         elif self.smooth or self.surface is not None or self.against_surface is not None:
             raise ValueError("contact: smooth and surface are for faces against a deformable face: give `against`")
@@ -389,6 +393,12 @@ class Contact:
     def load(self) -> FoundationLoad:
         """What is given of force and moment on the foundation."""
         return FoundationLoad(self.face, self.force, self.moment, self.force_point, self.force_amplitude)
+
+    @property
+    def closed(self) -> tuple[float, float]:
+        """The sizes in metres of the gaps and of the penetrations that are closed before deformation."""
+        gaps, penetrations = np.broadcast_to(np.asarray(self.adjust, dtype=np.float64), 2)
+        return float(gaps), float(penetrations)
 
     @property
     def shape(self) -> Shape:

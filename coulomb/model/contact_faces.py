@@ -106,7 +106,7 @@ class ContactFaces:
         def found(number: int, taken: BoolArray | None = None) -> Pair:
             one = self._contacts[number]
             assert one.against is not None
-            return pair_of(elasticity, one.face, one.against, one.adjust, taken, one.shape)
+            return pair_of(elasticity, one.face, one.against, one.closed, taken, one.shape)
 
         pairs = {number: found(number) for number, one in enumerate(self._contacts) if one.against is not None}
         if len(self._contacts) == 1:

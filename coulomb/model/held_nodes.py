@@ -209,7 +209,8 @@ class HeldInPairs:
         """Those of a pair with their gaps at a time; None if there are none; collective."""
         contact, comm = self._contacts[number], self._elasticity.comm
         if number not in self._found:
-            self._found[number] = beside_pair(self._elasticity, self._pair(number), contact.adjust, contact.shape.depth)
+            pair, gaps = self._pair(number), contact.closed[0]
+            self._found[number] = beside_pair(self._elasticity, pair, gaps, contact.shape.depth)
         nodes = self._found[number]
         if nodes is None:
             return None

@@ -270,7 +270,7 @@ class Iterate:
         bodies = [one.body for one in self.body.members]
         return (
             len(pairs) == len(self.problem.contacts)
-            and all(contact.adjust == 0.0 for contact in self.problem.contacts)
+            and not any(any(contact.closed) for contact in self.problem.contacts)
             and all(pair.near.slave.patch.curved is None for pair in pairs)
             and not turning
             and not any(nonlinear(one).follows or one.has_mean_dilatation or list(one.wrenches()) for one in bodies)

@@ -169,7 +169,7 @@ class JudgedPair:
         found = self._samples.depths(*at_facets)
         found[:, self._few] = self._closer.depths(*at_facets)
         deep, near = found - given
-        return np.maximum(np.stack([deep, -near]) - self._contact.adjust, 0.0)
+        return np.maximum(np.stack([deep, -near]) - np.array(self._contact.closed[::-1])[:, None], 0.0)
 
     def _displacement(self, u: FloatArray, frames: FloatArray, rows: FloatArray) -> FloatArray:
         """By how much claimed `rows` (m, 3) of the displacement of a point against the master along `frames` (m, 3, 3)
@@ -194,7 +194,7 @@ class JudgedPair:
         """
         pair = self.pair
         moved = self._displacement(u, frames, rows)
-        claims = Claims(self._node, frames[:, 0], gap, pair.points.area, self._held, self._contact.adjust)
+        claims = Claims(self._node, frames[:, 0], gap, pair.points.area, self._held, self._contact.closed)
         if self._last is None or not self._last[0].same(claims):
             off = self._samples.deviations(claims)
             closer = self._closer.deviations(claims.only(self._few))

@@ -9,6 +9,7 @@ from case_texts import body
 from mesh_files import BoxFile
 from mpi4py import MPI
 
+from coulomb import Contact
 from coulomb.case.case import Case, read_case
 from coulomb.case.record import case_record, case_text
 from coulomb.fem.meshes.named_mesh import volume
@@ -108,6 +109,12 @@ def test_adjust_may_be_0():
         "contact.adjust=1e-4", text=ONE
     )
     assert "contact.adjust = -0.1: should be greater than or equal to 0" in said("contact.adjust=-0.1")
+    assert read_case("case.toml", ["contact.adjust=[0, 1e-4]"]).contact.contact().closed == (0.0, 1e-4)
+    assert "contact.adjust.1 = -0.1: should be greater" in said("contact.adjust=[0, -0.1]")
+    assert not said("contact.adjust=[0, 0]", text=ONE)
+    for wrong in ((1e-4,), (1e-4, -1e-4), (1e-4, 1e-4, 1e-4), "1e-4", None):
+        with pytest.raises(ValueError, match="adjust must be a number of metres >= 0, or one for gaps and one for pen"):
+            Contact("a", against="b", friction=0.3, adjust=wrong)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ LOAD = STEP.format("*DLOAD\n2, P2, 10.")
 def test_general_contact_of_named_surfaces(tmp_path):
     """Pairs as those of *CONTACT PAIR, with the property of the two surfaces, or of all."""
     named = GENERAL + "*CONTACT INCLUSIONS\nslave, master\n" + ASSIGNED
-    pair = {"face": "slave", "against": "master"}
+    pair = {"face": "slave", "against": "master", "adjust": [0.0, 1.0]}
     assert tables_of(tmp_path, named + LOAD).tables["contact"] == [pair | {"friction": 0.2}]
     assert tables_of(tmp_path, named + "master, slave, sj\n" + LOAD).tables["contact"] == [pair | {"friction": 0.1}]
     for wrong, said in (
@@ -41,7 +41,8 @@ def test_a_surface_in_contact_with_itself(tmp_path, given):
     assert sum("skin in contact with itself" in note for note in found.notes) == 1
     inclusions = GENERAL.replace("*MATERIAL", "*SURFACE, NAME=skin\n1, S2\n2, S1\n*MATERIAL")
     inclusions += f"*CONTACT INCLUSIONS\n{given}\n{ASSIGNED}skin, , sj\n"
-    assert tables_of(tmp_path, inclusions + LOAD).tables["contact"] == [itself | {"friction": 0.1}]
+    closed = {"friction": 0.1, "adjust": [0.0, 1.0]}
+    assert tables_of(tmp_path, inclusions + LOAD).tables["contact"] == [itself | closed]
     folding = tables_of(tmp_path, deck + LOAD.replace("*STEP", "*STEP, NLGEOM"))
     assert folding.tables["solver"] == {"kinematics": "large"} and "large motions" in folding.notes[-1]
     tied = deck.replace("PRESSURE-OVERCLOSURE=LINEAR\n1.E7", "PRESSURE-OVERCLOSURE=TIED\n1.E7")

@@ -311,7 +311,7 @@ def pair_of(
     elasticity: Deformable,
     face: str,
     against: str,
-    adjust: float = 0.0,
+    adjust: tuple[float, float] = (0.0, 0.0),
     taken: BoolArray | None = None,
     shape: Shape = NO_SHAPE,
     still: BoolArray | None = None,
@@ -322,8 +322,8 @@ def pair_of(
     are contact points of another contact instead (`taken`), and those that are on the master face as well, are no
     contact points; their parts of the face belong to the nodes beside them.  So are those that follow nodes whose
     displacement is prescribed, and are opposite to such nodes alone (`still`, found here), and those that a tie of
-    both faces holds at present.  Gaps and penetrations up to
-    `adjust` in metres are taken to be 0.
+    both faces holds at present.  Gaps and penetrations up
+    to `adjust` in metres, of each, are taken to be 0.
 
     Raises:
         ValueError: On every rank, if a face is unknown, its nodes are off the surface given for it, or in small motions
@@ -402,7 +402,7 @@ def pair_of(
         x = x + np.einsum("mij,mj->mi", mirrors, elasticity.x[points.nodes] - x)
     gap = rows.gap(n)
     rounding = _ROUNDING * near.size
-    closed = np.abs(gap) <= adjust  # what the facets have there is no gap, and shows no curvature
+    closed = (gap <= adjust[0]) & (-gap <= adjust[1])  # what the facets have there is no gap, and shows no curvature
     gap = np.where(closed | (np.abs(gap) <= rounding), 0.0, gap)
     off, between, nearer = bulges_at_points(rows, gap, near.slave, near.master)
     largest = (comm.allreduce(float(np.max(of, initial=0.0)), op=MPI.MAX) for of in (-gap, off))
@@ -412,7 +412,7 @@ def pair_of(
     if apart:  # in large motions they may come, or have left each other
         remarks = (f"contact face {face!r}: no part of it is opposite to {against!r} yet: nothing touches there",)
     chord = np.maximum(rows.chord, np.column_stack([np.maximum(off, between), np.zeros_like(off), nearer]))
-    chord[closed & (adjust > 0.0)] = 0.0
+    chord[closed & (max(adjust) > 0.0)] = 0.0
     return Pair(face, against, points, x, n, gap, held, chord, slave.nodes.start + twice, near, left_out, remarks)
 
 

@@ -92,7 +92,7 @@ class Claims:
         gap: Distance along them before deformation without given gaps, metres, shape (m,); nan where it is not known.
         area: In m^2, shape (m,).
         held: Projectors on the held directions of the nodes, shape (m, 3, 3).
-        adjust: Gaps and penetrations up to this size in metres may be 0 instead.
+        adjust: Gaps and penetrations up to these sizes in metres may be 0 instead.
     """
 
     node: IntArray
@@ -100,7 +100,7 @@ class Claims:
     gap: FloatArray
     area: FloatArray
     held: FloatArray
-    adjust: float
+    adjust: tuple[float, float]
 
     def same(self, other: Claims) -> bool:
         """Whether normals and gaps are those of other claims for the same points."""
@@ -349,8 +349,8 @@ class PairSamples:
         angle = np.linalg.norm(mean - n, axis=1) - np.linalg.norm(unsure, axis=1) - _ROUNDING
         area = (np.abs(claims.area - self.area) - self._doubt) / self.whole
         least, most, allowed = self._gaps(n)
-        close = claims.adjust + allowed
-        closed = (claims.gap == 0.0) & (most >= -close) & (least <= close)
+        open_by, overlap = claims.adjust
+        closed = (claims.gap == 0.0) & (most >= -overlap - allowed) & (least <= open_by + allowed)
         gap = np.where(closed, 0.0, np.maximum(least - claims.gap, claims.gap - most) - allowed)
         gap = np.where(np.isnan(claims.gap), 0.0, gap)
         return Deviations(np.maximum(gap, 0.0), np.maximum(np.degrees(angle), 0.0), np.maximum(area, 0.0), allowed)

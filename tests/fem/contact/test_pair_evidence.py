@@ -149,6 +149,7 @@ def test_right_pairs_pass_and_wrong_ones_fail(kind, monkeypatch):
 
 def test_a_gap_that_is_closed_is_judged_by_its_distance(monkeypatch):
     assert judged(blocks(adjust=1e-5))["pair gap"].value == 0.0
+    assert judged(blocks(adjust=(0.0, 1e-5)))["pair gap"].value == 0.0  # its gaps stay
     wrong_gap(monkeypatch)
     assert not judged(blocks(adjust=1e-5))["pair gap"].passed
 

@@ -49,6 +49,8 @@ def test_gaps_of_meshes_are_closed_without_strain(gap):
     assert np.abs(left[2] - closed[2]) == pytest.approx(abs(gap) / 1e-4 * closed[2], rel=0.02)  # where all press
     assert same(force(pressed(gap, adjust=1e-4)), closed, 1e-4)  # the body is elsewhere by the gap
     assert same(force(pressed(gap, adjust=1e-6)), left, 1e-9)
+    gaps, penetrations = (force(pressed(gap, adjust=pair)) for pair in ((1e-4, 0.0), (0.0, 1e-4)))
+    assert same(gaps, closed if gap > 0.0 else left, 1e-4) and same(penetrations, left if gap > 0.0 else closed, 1e-4)
 
 
 def test_slip_beyond_the_nodes_opposite_is_a_warning():
