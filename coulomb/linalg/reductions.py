@@ -1,4 +1,4 @@
-"""Sums, norms, extreme values, concatenations and exchange of arrays over all ranks.
+"""Sums, norms, extreme values and concatenations of arrays over all ranks.
 
 All calls are collective, and on buffers: mpi4py's calls on objects send each as a message of its own along a tree.
 """
@@ -31,29 +31,6 @@ def concatenated(comm: MPI.Comm, rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
     whole = np.empty((int(counts.sum()) // max(int(np.prod(rows.shape[1:])), 1), *rows.shape[1:]), dtype=rows.dtype)
     comm.Allgatherv(np.ascontiguousarray(rows), (whole, counts))
     return whole
-
-
-def per_rank(comm: MPI.Comm, starts: npt.NDArray[Any], numbers: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
-    """How many of the ascending numbers each rank has, which has those from its start on."""
-    owner = np.searchsorted(starts, numbers, side="right") - 1
-    return np.bincount(owner, minlength=comm.size).astype(np.int64)
-
-
-def incoming(comm: MPI.Comm, counts: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """What each rank gets of the others, of what it gives each of them, shape (ranks,)."""
-    other = np.empty_like(counts)
-    comm.Alltoall(counts, other)
-    return other
-
-
-def exchanged(
-    comm: MPI.Comm, rows: npt.NDArray[Any], counts: npt.NDArray[np.int64], other: npt.NDArray[np.int64]
-) -> npt.NDArray[Any]:
-    """Rows (k, ...), by ranks, so many to each; so many rows from each."""
-    width = int(np.prod(rows.shape[1:]))
-    received = np.empty((int(other.sum()), *rows.shape[1:]), rows.dtype)
-    comm.Alltoallv([np.ascontiguousarray(rows), width * counts], [received, width * other])
-    return received
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,11 @@
 joined, refined and made of first or second order.  Nodal fields in files belong here as well.
 """
 
+from ...exchange import Exchange, even_starts, fetched, owner_of, starts_of
+from .among_ranks import Slabs, bounds
 from .coarsening import coarsened
 from .comparison import coarser_meshes, finer, same_cells, smaller_cells
 from .curving import CurvedFaces, few_chords, split
-from .exchange import Exchange, Slabs, bounds, even_starts, fetched, owner_of, starts_of
 from .inspection import InspectedMesh, inspect
 from .lagrange import (
     corner_geometry,

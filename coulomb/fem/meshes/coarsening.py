@@ -22,8 +22,8 @@ import numpy as np
 
 from ...arrays import distinct
 from .. import compat
+from .among_ranks import on_first_rank
 from .curving import CREASE, arcs, put_on_surfaces
-from .exchange import on_first_rank
 from .inspection import InspectedMesh
 from .mesh_file import FACETS
 from .mesh_parts import places, sets

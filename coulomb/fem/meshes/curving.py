@@ -27,9 +27,10 @@ import numpy as np
 import scipy.sparse
 
 from ...arrays import BoolArray, FloatArray, Int32Array, IntArray, unit_vectors
+from ...exchange import starts_of
 from ...nearest import tree_of
 from .. import compat
-from .exchange import global_numbers, starts_of
+from .among_ranks import global_numbers
 from .lagrange import corner_geometry, facet_columns, lagrange_points, lagrange_values
 from .mesh_parts import boundary_facets, corners_of, distinct, local_cells, local_facets, neighbours
 from .named_mesh import NamedMesh

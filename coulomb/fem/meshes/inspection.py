@@ -14,7 +14,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ...arrays import BoolArray, FloatArray, IntArray, distinct, in_words
-from .exchange import Exchange, even_starts, fetched, owner_of, starts_of
+from ...exchange import Exchange, even_starts, fetched, owner_of, starts_of
 from .lagrange import CORNERS, in_dolfinx_order, is_second_order, jacobians, nodes_of_facets, torn
 from .mesh_file import FACETS, MeshFile
 

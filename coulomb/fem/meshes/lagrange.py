@@ -9,10 +9,10 @@ import numpy as np
 from mpi4py import MPI
 
 from ...arrays import BoolArray, FloatArray, Int32Array, IntArray
+from ...exchange import Exchange
 from .. import compat
 from ..cell_search import lagrange
 from ..compat import basix, cpp, mesh
-from .exchange import Exchange
 
 # Second-order cells in mesh files: the orders of their nodes, and the faults that only they can have.
 #

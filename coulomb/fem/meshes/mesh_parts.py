@@ -12,10 +12,11 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ...arrays import BoolArray, FloatArray, Int32Array, IntArray, distinct, in_words, rows_among
+from ...exchange import Exchange, even_starts, fetched, owner_of
 from ...nearest import tree_of
 from .. import compat
 from ..compat import mesh
-from .exchange import Exchange, Slabs, bounds, even_starts, fetched, owner_of
+from .among_ranks import Slabs, bounds
 from .lagrange import corner_geometry
 
 

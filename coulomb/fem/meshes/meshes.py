@@ -14,13 +14,14 @@ import numpy as np
 from mpi4py import MPI
 
 from ...arrays import FloatArray, Int32Array, IntArray, in_words, is_number
+from ...exchange import fetched, starts_of
 from .. import compat, mesh_formats
 from ..compat import mesh
 from ..geometry import evaluate_vectors, same_on_all_ranks
 from ..mesh_formats import BOX_FACES
+from .among_ranks import global_numbers, on_first_rank
 from .curving import arcs, curved_faces, put_on_surfaces
 from .cuts import cut
-from .exchange import fetched, global_numbers, on_first_rank, starts_of
 from .inspection import FLAT, InspectedMesh, inspect
 from .lagrange import (
     CORNERS,

@@ -16,7 +16,7 @@ from ...arrays import FloatArray, Int32Array, IntArray, in_words, is_number, sho
 from ...nearest import tree_of
 from .. import compat
 from ..geometry import Point, RigidFoundation, RigidMotion, Rotation, Turn, check_point, evaluate_vectors, on_all_ranks
-from .exchange import bounds
+from .among_ranks import bounds
 from .lagrange import corner_geometry
 from .mesh_file import A_SLICE
 from .mesh_parts import SAME_PLACE

@@ -21,11 +21,12 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import BoolArray, FloatArray, IntArray, distinct
+from ...exchange import Exchange, fetched, owner_of, starts_of
 from .. import compat
 from ..compat import basix
 from ..geometry import on_all_ranks
+from .among_ranks import global_numbers
 from .curving import put_on_surfaces
-from .exchange import Exchange, fetched, global_numbers, owner_of, starts_of
 from .lagrange import corner_geometry, corners_to_nodes, jacobians, lagrange_points, lagrange_values
 from .mesh_parts import local_cells, local_facets, parts_of
 from .meshes import off_chords, refuse_flat_cells

@@ -14,8 +14,8 @@ from mpi4py import MPI
 from .. import compat, mesh_formats
 from ..compat import cpp
 from ..geometry import same_on_all_ranks
+from .among_ranks import global_numbers, on_first_rank
 from .cuts import cut
-from .exchange import global_numbers, on_first_rank
 from .inspection import InspectedMesh, inspect
 from .mesh_file import SectionFile
 from .meshes import check_scale, from_first_rank, known_format

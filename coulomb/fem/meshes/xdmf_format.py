@@ -19,10 +19,11 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray, IntArray, distinct
+from ...exchange import Exchange, even_starts, fetched, owner_of, starts_of
 from ...nearest import tree_of
 from ...regular_file import read_bytes, refuse_irregular
 from ..geometry import on_all_ranks
-from .exchange import Exchange, Slabs, bounds, even_starts, fetched, on_first_rank, owner_of, starts_of
+from .among_ranks import Slabs, bounds, on_first_rank
 from .mesh_file import MeshFile, SectionFile, only_set, refuse_cells, titles
 
 NAMES = "coulomb:names"

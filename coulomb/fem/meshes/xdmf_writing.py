@@ -18,7 +18,7 @@ import numpy as np
 from ...arrays import FloatArray, IntArray
 from ...regular_file import replacing
 from .. import compat
-from .exchange import global_numbers
+from .among_ranks import global_numbers
 from .inspection import InspectedMesh
 from .lagrange import in_vtk_order
 from .mesh_parts import corners_of

@@ -23,9 +23,9 @@ import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray
+from ...exchange import Exchange, owner_of
 from ...native import address, kernels, threads
 from ..petsc_arrays import Distributed, DistributedEntries, Entries
-from ..reductions import exchanged, incoming, per_rank
 
 # Blocks of a distributed vector that a rank needs and other ranks have: fetched, or summed where they belong.
 #
@@ -45,7 +45,7 @@ def padded(size: int) -> FloatArray:
     return np.zeros(size + PADDING)[:size]
 
 
-class Exchange(ctypes.Structure):
+class _ExchangeOfKernels(ctypes.Structure):
     """`struct exchange` of native/exchange.h."""
 
     _fields_ = (
@@ -66,10 +66,9 @@ class GhostBlocks:
     """
 
     def __init__(self, comm: MPI.Comm, starts: _Array, needed: _Array, size: int):
-        into = per_rank(comm, starts, needed)
-        out = incoming(comm, into)
-        asked = exchanged(comm, needed.astype(np.int64), into, out)
-        own = (asked - int(starts[comm.rank])).astype(np.int32)
+        ask = Exchange(comm, owner_of(starts, needed))
+        into, out = ask.given, ask.got
+        own = (ask.send(needed) - int(starts[comm.rank])).astype(np.int32)
         self.values = padded(size * len(needed))
         buffer = np.empty((len(own), size))
         ends, first = np.cumsum(out), 0
@@ -87,7 +86,7 @@ class GhostBlocks:
         statuses = np.empty(MPI._sizeof(MPI.Status) * len(self._fetch) + 1, np.uint8)
         self._arrays = _handles(self._fetch), _handles(self._give), statuses, self.values, buffer, own
         functions = (ctypes.cast(function, ctypes.c_void_p) for function in _start_and_wait())
-        self.exchange = Exchange(*functions, *map(address, self._arrays), len(self._fetch), len(own), size)
+        self.exchange = _ExchangeOfKernels(*functions, *map(address, self._arrays), len(self._fetch), len(own), size)
 
     def destroy(self) -> None:
         for request in (*self._fetch, *self._give):
@@ -121,7 +120,7 @@ class _OthersOfKernels(ctypes.Structure):
     """`struct others` of native/exchange.h."""
 
     _fields_ = (
-        ("ghosts", ctypes.POINTER(Exchange)),
+        ("ghosts", ctypes.POINTER(_ExchangeOfKernels)),
         *((name, ctypes.c_void_p) for name in ("rows", "ptr", "col", "val", "low", "sums")),
         *((name, ctypes.c_int) for name in ("n", "columns")),
     )

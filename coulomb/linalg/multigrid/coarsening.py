@@ -17,9 +17,10 @@ import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray
+from ...exchange import Exchange, owner_of
 from ...native import kernels, threads
 from ..petsc_arrays import DistributedEntries, Entries
-from ..reductions import concatenated, exchanged, incoming, per_rank
+from ..reductions import concatenated
 from .block_matrix import PADDING, Blocks, DistributedBlocks, joined_rows
 
 _Array = npt.NDArray[Any]
@@ -118,16 +119,13 @@ class RowExchange:
 
     def __init__(self, comm: MPI.Comm, starts: _Array, needed: _Array):
         self._comm = comm
-        self._needed = per_rank(comm, starts, needed)
-        self._asked = incoming(comm, self._needed)
-        numbers = exchanged(comm, needed.astype(np.int64), self._needed, self._asked)
-        self.asked: _Array = numbers - int(starts[comm.rank])
+        ask = Exchange(comm, owner_of(starts, needed))
+        self.asked: _Array = ask.send(needed) - int(starts[comm.rank])
+        self._askers = ask.sources
 
     def fetched(self, rows: _Array, lengths: _Array) -> _Array:
         """Rows for the things asked for, `lengths` for each of these: those for the needed ones; collective."""
-        ends = np.concatenate([[0], np.cumsum(lengths)])[np.concatenate([[0], np.cumsum(self._asked)])]
-        out = np.diff(ends)
-        return exchanged(self._comm, rows, out, incoming(self._comm, out))
+        return Exchange(self._comm, np.repeat(self._askers, lengths)).send(rows)
 
 
 _STRONG: Final = 0.02  # part of the diagonals from which on nodes belong together, as GAMG's threshold
@@ -300,9 +298,8 @@ def _gathered(P: DistributedBlocks, pointers: _Array, columns: _Array, blocks: F
     row = np.repeat(np.concatenate([np.arange(first, end), P.columns]), np.diff(pointers))
     mine = int(pointers[own])
     arrays = row, columns, blocks
-    out = per_rank(comm, P.starts, row[mine:])  # to the ranks that have the rows
-    into = incoming(comm, out)
-    given = [exchanged(comm, array[mine:], out, into) for array in arrays]
+    to = Exchange(comm, owner_of(P.starts, row[mine:]))  # the ranks that have the rows
+    given = [to.send(array[mine:]) for array in arrays]
     rows, numbers, values = (np.concatenate([array[:mine], more]) for array, more in zip(arrays, given, strict=True))
     order = np.lexsort((numbers, rows))
     rows, numbers = rows[order] - first, numbers[order]

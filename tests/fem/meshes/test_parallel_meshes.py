@@ -18,7 +18,7 @@ from coulomb.fem import compat
 from coulomb.fem.compat import io
 from coulomb.fem.mesh_formats import BOX_FACES
 from coulomb.fem.meshes import coarsened, xdmf_format
-from coulomb.fem.meshes.exchange import Slabs
+from coulomb.fem.meshes.among_ranks import Slabs
 from coulomb.fem.meshes.inspection import inspect
 from coulomb.fem.meshes.mesh_parts import corners_of
 from coulomb.fem.meshes.meshes import read_file
