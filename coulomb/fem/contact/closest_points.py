@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import scipy.sparse
@@ -18,6 +18,8 @@ import scipy.sparse
 from ...arrays import BoolArray, FloatArray, Int32Array, IntArray, rows_of, unit_vectors
 from .. import compat
 from ..bodies import DisplacementSpace
+from ..cell_search import lagrange
+from ..compat import basix, cpp, mesh
 from ..meshes import fetched, starts_of
 from .sphere_tree import sphere_tree
 
@@ -38,63 +40,43 @@ _LINES: Final = 50_000
 
 
 @functools.cache
-def _basis(corners: int, degree: int) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Exponents (n, 2) of the monomials of a facet's functions, the coefficients of the functions (n, n), a column
-    each, and the reference points of its nodes in VTK's order (n, 2)."""
-    if corners == 3:
-        points = np.array([(0, 0), (1, 0), (0, 1), (0.5, 0), (0.5, 0.5), (0, 0.5)][: 3 * degree], dtype=float)
-        powers = [(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]
-    else:
-        around = [(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0), (1, 0.5), (0.5, 1), (0, 0.5), (0.5, 0.5)]
-        points = np.array(around[: (degree + 1) ** 2], dtype=float)
-        powers = [(i, j) for i in range(degree + 1) for j in range(degree + 1)]
-    exponents = np.array(powers, dtype=np.int64)
-    at_nodes = np.prod(points[:, None] ** exponents[None], axis=2)
-    return exponents, np.linalg.inv(at_nodes), points
+def _element(corners: int, degree: int) -> tuple[Any, IntArray]:
+    """Basix's element of a facet, and the numbers of its functions in VTK's order of the nodes."""
+    kind = mesh.CellType.triangle if corners == 3 else mesh.CellType.quadrilateral
+    element = lagrange(kind.name, degree)
+    return element, np.argsort(cpp.io.perm_vtk(kind, len(element.points)))
 
 
 def facet_functions(corners: int, degree: int, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The functions of a facet at reference points (q, 2), and their derivatives along both axes, shapes (q, n)."""
-    exponents, coefficients, _ = _basis(corners, degree)
-    power = np.stack([np.ones_like(at), at, at * at])  # (3, q, 2)
-    i, j = exponents.T
-    of_r, of_s = power[i, :, 0].T, power[j, :, 1].T
-    along_r, along_s = i * power[np.maximum(i - 1, 0), :, 0].T, j * power[np.maximum(j - 1, 0), :, 1].T
-    return (of_r * of_s) @ coefficients, (along_r * of_s) @ coefficients, (of_r * along_s) @ coefficients
+    element, order = _element(corners, degree)
+    if not len(at):  # of which basix 0.5 aborts the process
+        return (np.empty((0, len(order))),) * 3
+    values, along_r, along_s = element.tabulate(1, at)[:, :, order, 0]
+    return values, along_r, along_s
 
 
 def reference_nodes(corners: int, degree: int) -> FloatArray:
     """The nodes of the reference facet in VTK's order, shape (n, 2)."""
-    return _basis(corners, degree)[2]
+    element, order = _element(corners, degree)
+    return np.asarray(element.points[order])
 
 
 def facet_rule(corners: int, degree: int, finer: int = 1) -> tuple[FloatArray, FloatArray, IntArray]:
     """Points (q, 2), weights (q,) and the piece of each (q,) of a reference facet: many small cells with Gauss points,
     whose order is that of the products of the functions; `finer` times as many along an edge."""
-    if corners == 4:
-        inner, weight = ([-1.0, 1.0], [0.5, 0.5]) if degree == 1 else ([-1.0, 0.0, 1.0], [5 / 18, 8 / 18, 5 / 18])
-        line, cells = np.array(inner) * (1.0 / 3.0 if degree == 1 else 0.6) ** 0.5, finer * (3 if degree == 1 else 2)
-        r = (np.arange(cells)[:, None] + 0.5 * (line + 1.0)).ravel() / cells
-        w = np.tile(weight, cells) / cells
-        at = np.array([(a, b) for a in r for b in r])
-        piece = np.array([0, 1, 3, 2])[((at[:, 0] > 0.5) + 2 * (at[:, 1] > 0.5)).astype(np.int64)]
-        return at, np.outer(w, w).ravel(), piece.astype(np.int64) * (degree == 2)
-    if degree == 1:
-        size: FloatArray = np.full(3, 1.0 / 6.0)
-        three = np.array([(1, 1), (4, 1), (1, 4)]) / 6.0
-    else:  # of degree 4, Dunavant 1985
-        a, b = 0.445948490915965, 0.091576213509771
-        three = np.array([(x, y) for c in (a, b) for x, y in ((c, c), (1 - 2 * c, c), (c, 1 - 2 * c))])
-        size = 0.5 * np.repeat([0.223381589678011, 0.109951743655322], 3)
-    cells, parts = finer * (3 if degree == 1 else 2), []
-    for i in range(cells):
-        for j in range(cells - i):
-            parts.append((np.array([i, j]) + three) / cells)
-            if i + j < cells - 1:
-                parts.append((np.array([i + 1, j + 1]) - three) / cells)
-    at = np.concatenate(parts)
-    number = np.select([at[:, 0] > 0.5, at[:, 1] > 0.5, at.sum(axis=1) > 0.5], [1, 2, 3], 0) * (degree == 2)
-    return at, np.tile(size, len(parts)) / cells**2, number.astype(np.int64)
+    cells = finer * (3 if degree == 1 else 2)
+    cell = basix.CellType.triangle if corners == 3 else basix.CellType.quadrilateral
+    inner, size = basix.make_quadrature(cell, 2 * degree if corners == 3 else 2 * degree + 1)
+    corner = np.moveaxis(np.indices((cells, cells)), 0, -1).reshape(-1, 1, 2)
+    parts = corner + inner
+    if corners == 3:
+        diagonal = corner.sum(axis=(1, 2))
+        parts = np.concatenate([parts[diagonal < cells], (corner + 1 - inner)[diagonal < cells - 1]])
+    at = parts.reshape(-1, 2) / cells
+    r, s = (at > 0.5).T
+    pieces = ([r, s, at.sum(axis=1) > 0.5], [1, 2, 3]) if corners == 3 else ([r & s, r, s], [2, 1, 3])
+    return at, np.tile(size, len(parts)) / cells**2, np.select(*pieces, 0).astype(np.int64) * (degree == 2)
 
 
 PIECES: Final = {
@@ -168,7 +150,7 @@ class Facets:
     @cached_property
     def bent(self) -> FloatArray:
         """How far the nodes of each are from those of a parallelogram or triangle, over its radius, shape (f,)."""
-        points = _basis(self.corners, self.degree)[2]
+        points = reference_nodes(self.corners, self.degree)
         three = [0, 1, self.corners - 1]
         edges = self.x[:, three[1:]] - self.x[:, :1]
         straight = self.x[:, :1] + np.einsum("nk,fki->fni", points, edges)
