@@ -36,6 +36,9 @@ _ROUNDING: Final = 1e-13
 _LARGE: Final = 1e3
 """Entries of R D above this leave rounding errors in the sums, which are then made anew."""
 
+_NOTHING: Final = 1e-9
+"""Singular value of Q D up to which it is 0."""
+
 _SHIFT: Final = (1e-10, 1e-6)
 """Part of diag(A) that is added to it, in double and in single precision."""
 
@@ -119,7 +122,13 @@ class FormedInverse:
     """M^-1 with A as a matrix, nearly, in place of its approximation, on one rank: for few contact points, and for the
     many right-hand sides of derivatives.
 
-    The rows of nodes where Q is 0, as of open ones, are conditions on their dx alone; what is left is a dense matrix.
+    Combinations of a node's rows in which Q is 0 are conditions on its dx alone: on all of it where it is open, without
+    friction on dx_t, and where it slips, on what goes along the bound of friction.  With bases U = (U_1, U_0) of the
+    rows, of which U_0^T Q = 0, and N of the dx with U_0^T P dx = 0, of which G r is one where that is U_0^T r,
+
+        M^-1 = G + N (U_1^T M N)^-1 U_1^T (1 - M G)
+
+    and the matrix in the middle is dense: of two rows per node that slips.
 
     Args:
         A: Shape (3 m, 3 m), in the precision in which M is factorised.
@@ -128,7 +137,7 @@ class FormedInverse:
     """
 
     def __init__(self, A: FloatArray, diagonal: FloatArray):
-        self._A = A.reshape(2 * diagonal.shape)
+        self._A, self._diagonal = A, diagonal
         there = A.diagonal().reshape(diagonal.shape) > 0.0
         self._extra: FloatArray = np.where(there, _SHIFT[A.dtype == np.float32], 1.0) * diagonal
         self._at: ContactDerivative | None = None
@@ -138,19 +147,31 @@ class FormedInverse:
         if at is self._at:
             return
         self._at = at
-        touching = np.any(at.Q != 0.0, axis=(1, 2))
-        self._open, self._closed = np.flatnonzero(~touching), np.flatnonzero(touching)
-        self._alone = np.linalg.inv(at.P[self._open])
-        self._Q, A = at.Q[self._closed], self._A[self._closed][:, :, self._closed]
-        count, each = len(self._closed), np.arange(len(self._closed))
-        M = (self._Q.astype(A.dtype) @ A.reshape(count, 3, 3 * count)).reshape(A.shape)
-        M[each, :, each] += at.P[self._closed] + self._Q * self._extra[self._closed, None]
-        if count:
-            getrf = sgetrf if A.dtype == np.float32 else dgetrf
-            M = M.reshape(3 * count, 3 * count)
-            self._norm = float(np.max(np.add.reduce(np.abs(M), axis=1)))
-            # of M^T, whose rows are LAPACK's columns; a singular one gives no numbers
-            self._factors, self._pivots, _ = getrf(M.T, overwrite_a=1)
+        U, size, _ = np.linalg.svd(at.Q * self._diagonal[:, None, :])
+        self._kept = kept = size > _NOTHING  # the first ones of a node
+        rows, none = U.transpose(0, 2, 1), np.zeros((1, 1, 1))
+        conditions = np.where(kept[:, :, None], none, rows)
+        W, size, V = np.linalg.svd(conditions @ at.P)
+        inverse = np.where(kept[:, ::-1], 0.0, 1.0 / np.where(kept[:, ::-1], 1.0, size))
+        self._G = (V.transpose(0, 2, 1) * inverse[:, None, :]) @ (W.transpose(0, 2, 1) @ conditions)
+        self._rows, self._free = (np.where(kept[:, :, None], of, none) for of in (rows, V[:, ::-1]))
+        self._bases = U, self._free + conditions @ at.P
+        closed = np.flatnonzero(kept[:, 0])
+        count, of, A = len(closed), kept[closed], self._A.reshape(2 * kept.shape)[closed][:, :, closed]
+        if not count:
+            self._factors = np.empty((0, 0), A.dtype)
+            return
+        rows, free = self._rows[closed], self._free[closed]
+        along = (free.astype(A.dtype) @ A.reshape(count, 3, 3 * count))[of].T.reshape(count, 3, -1)
+        M = ((rows @ at.Q[closed]).astype(A.dtype) @ along)[of]
+        own = rows @ (at.P[closed] + at.Q[closed] * self._extra[closed, None]) @ free.transpose(0, 2, 1)
+        place = np.cumsum(of).reshape(of.shape) - 1
+        node, i, j = np.nonzero(of[:, :, None] & of[:, None, :])
+        M[place[node, i], place[node, j]] += own[node, i, j]
+        self._norm = float(np.max(np.add.reduce(np.abs(M), axis=1)))
+        getrf = sgetrf if A.dtype == np.float32 else dgetrf
+        # of M^T, whose rows are LAPACK's columns; a singular one gives no numbers
+        self._factors, self._pivots, _ = getrf(M.T, overwrite_a=1)
 
     @property
     def precision(self) -> float:
@@ -159,8 +180,8 @@ class FormedInverse:
 
     @property
     def condition(self) -> float:
-        """The condition number of M in the maximum norm, estimated; at most one over the precision."""
-        if not len(self._closed):
+        """The condition number of the dense matrix in the maximum norm, estimated; at most one over the precision."""
+        if not len(self._factors):
             return 1.0
         gecon = sgecon if self._A.dtype == np.float32 else dgecon
         inverse = float(gecon(self._factors, self._norm)[0])
@@ -169,39 +190,38 @@ class FormedInverse:
     @property
     def negative(self) -> bool:
         """Whether the determinant of M is negative."""
-        if not len(self._closed):
-            return False
-        swaps = np.count_nonzero(self._pivots != np.arange(len(self._pivots)))
-        return bool((np.count_nonzero(self._factors.diagonal() < 0.0) + swaps) % 2)
+        turned = sum(np.count_nonzero(np.linalg.det(of) < 0.0) for of in self._bases)
+        if len(self._factors):
+            turned += np.count_nonzero(self._factors.diagonal() < 0.0)
+            turned += np.count_nonzero(self._pivots != np.arange(len(self._pivots)))
+        return bool(turned % 2)
 
     def __call__(self, r: FloatArray) -> FloatArray:
         """M^-1 applied to r (m, 3) or (m, 3, columns)."""
-        rest, z = r.reshape(*r.shape[:2], -1), np.zeros((*r.shape[:2], math.prod(r.shape[2:])))
-        z[self._open] = self._alone @ rest[self._open]
-        z[self._closed] = self._solved(rest[self._closed] - self._Q @ self._product(z, self._open, self._closed), 1)
-        return z.reshape(r.shape)
+        assert self._at is not None
+        rest = r.reshape(*r.shape[:2], -1)
+        z = self._G @ rest
+        rest = rest - self._at.P @ z - self._at.Q @ self._product(z)
+        return (z + self._solved(self._rows, self._free, rest, 1)).reshape(r.shape)
 
     def transposed(self, r: FloatArray) -> FloatArray:
         """M^-T applied likewise."""
-        rest, z = r.reshape(*r.shape[:2], -1), np.zeros((*r.shape[:2], math.prod(r.shape[2:])))
-        z[self._closed] = y = self._solved(rest[self._closed], 0)
-        seen = np.zeros_like(z)
-        seen[self._closed] = self._Q.transpose(0, 2, 1) @ y
-        others = rest[self._open] - self._product(seen, self._closed, self._open)
-        z[self._open] = self._alone.transpose(0, 2, 1) @ others
-        return z.reshape(r.shape)
+        assert self._at is not None
+        rest, (P, Q) = r.reshape(*r.shape[:2], -1), (of.transpose(0, 2, 1) for of in (self._at.P, self._at.Q))
+        z = self._solved(self._free, self._rows, rest, 0)
+        rest = rest - P @ z - self._product(Q @ z)
+        return (z + self._G.transpose(0, 2, 1) @ rest).reshape(r.shape)
 
-    def _product(self, z: FloatArray, of: npt.NDArray[np.intp], at: npt.NDArray[np.intp]) -> FloatArray:
-        """A z at some nodes, of z (m, 3, columns) at others, shape (nodes, 3, columns)."""
-        chosen = np.flatnonzero(np.any(z[of] != 0.0, axis=(1, 2)))
-        A = self._A[at][:, :, of[chosen]]
-        return np.tensordot(A, z[of[chosen]].astype(A.dtype), axes=2).astype(np.float64)
+    def _product(self, z: FloatArray) -> FloatArray:
+        """A z, of z (m, 3, columns), with what is added to A."""
+        flat = z.reshape(-1, z.shape[2]).astype(self._A.dtype)
+        return (self._A @ flat).astype(np.float64).reshape(z.shape) + self._extra[:, :, None] * z
 
-    def _solved(self, r: FloatArray, trans: int) -> FloatArray:
-        """M^-T r, or M^-1 r."""
-        if not len(r):
-            return r
-        getrs = sgetrs if self._A.dtype == np.float32 else dgetrs
-        flat = r.reshape(-1, r.shape[2]).astype(self._A.dtype)
-        found: FloatArray = getrs(self._factors, self._pivots, flat, trans=trans)[0].astype(np.float64).reshape(r.shape)
-        return found
+    def _solved(self, of: FloatArray, into: FloatArray, r: FloatArray, trans: int) -> FloatArray:
+        """By the inverse of the dense matrix (`trans` 1) or of its transpose, from rows to unknowns, (m, 3, 3)."""
+        z: FloatArray = np.zeros_like(r)
+        if len(self._factors):
+            getrs = sgetrs if self._A.dtype == np.float32 else dgetrs
+            right = (of @ r)[self._kept].astype(self._A.dtype)
+            z[self._kept] = getrs(self._factors, self._pivots, right, trans=trans)[0]
+        return into.transpose(0, 2, 1) @ z

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from ..factors import FirstRankSolver, MultifrontalSolver, inverse_of
+from ..factors import FirstRankSolver, MultifrontalSolver
 from ..reductions import Reductions, summed
 from .compliance import LimitedProducts, MatrixFreeCompliance
 from .coupled import Elimination
@@ -155,10 +155,10 @@ class SchurCompliance(LimitedProducts):
             return self._formed
         formed: FloatArray = np.zeros(2 * self._rows.shape[:1], dtype=np.float64 if self.exact else np.float32)
         start = 0
-        for L in self._solver.schur_factors:
-            rows = self._rows[:, start : start + len(L)].astype(formed.dtype)
-            formed += rows @ (rows @ inverse_of(L)).T
-            start += len(L)
+        for inverse in self._solver.schur_inverses():
+            rows = self._rows[:, start : start + len(inverse)].astype(formed.dtype)
+            formed += rows @ (rows @ inverse.T).T  # symmetric, and by columns
+            start += len(inverse)
         self._formed = formed if self._few else None
         return formed
 

@@ -22,7 +22,7 @@ import numpy.typing as npt
 import scipy.sparse
 from petsc4py import PETSc
 from scipy.linalg.blas import dsymv, dtrsm, dtrsv, strsm, strsv
-from scipy.linalg.lapack import dlauum, dpotri, dtrtri, spotri, strtri
+from scipy.linalg.lapack import dlauum, dpotri, dtrtri, slauum, spotri, strtri
 
 from ...arrays import FloatArray
 from ..petsc_arrays import NodalRows
@@ -38,6 +38,9 @@ _ROUNDING = 2.0 * float(np.finfo(np.float64).eps)
 """Residual of a solve in double precision, relative to |D u| with D = diag(K), in the norm of D^-1/2."""
 
 _MOST: Final = 50  # iterations of a solve, beyond any that is fast enough
+
+_KEPT: Final = 4000
+"""Rows of S up to which the inverses of its factors are kept: derivatives take half the time for its inverse."""
 
 _FEW: Final = 1.0 / 3.0
 """Part of the numbers of a vector up to which a product by the columns of those that are not 0 reads less memory than
@@ -125,8 +128,8 @@ class MultifrontalSolver:
     Args:
         single: Whether to factorise in single precision; by default where it is faster.
         fronts: The result of `symbolic`, if it is known.
-        many: Whether many solves with the Schur complement are expected: the inverse of its factor, which the diagonal
-            takes, is then kept, and its inverse takes half the time later.
+        many: Whether many solves with the Schur complement are expected, which are then by its inverse as soon as it
+            has had a diagonal.
 
     Attributes:
         fronts: As the argument; of every K of the same sparsity.
@@ -208,6 +211,7 @@ class MultifrontalSolver:
         """Factorise in double precision, if the factors are not yet."""
         if self.single:
             del self._factors  # before the memory of the new ones is needed
+            self._halves = []
             self._factorise(NodalRows(self._K), single=False)
 
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
@@ -318,6 +322,13 @@ class MultifrontalSolver:
         forces[self._last] = z
         return forces
 
+    def schur_inverses(self) -> list[Real]:
+        """S^-1 of each of the bodies, to the accuracy of the factors: in half the time if the diagonal has left the
+        inverses of these."""
+        if not self._halves:
+            return [inverse_of(L) for L in self.schur_factors]
+        return [_symmetric(_by_lapack(dlauum if self.exact else slauum, half)) for half in self._halves]
+
     def schur_solve(self, z: FloatArray) -> FloatArray:
         """S^-1 z, shape (3 last,): by the factors, or in double precision by the inverse, where many solves are
         expected.
@@ -327,7 +338,7 @@ class MultifrontalSolver:
         """
         if self.exact:
             self._schur_solves += 1
-            if self._halves or self._inverses or self._schur_solves > _MANY * len(self._last):
+            if (self._many and self._halves) or self._inverses or self._schur_solves > _MANY * len(self._last):
                 return self._by_inverse(z)
         size = float(np.max(np.abs(z), initial=0.0)) or 1.0  # single precision has a small range
         w: Real = (z / size).astype(self._factors.dtype)
@@ -363,7 +374,7 @@ class MultifrontalSolver:
         for half in inverses:
             diagonal += _squares(half, rows[:, start : start + len(half)])
             start += len(half)
-        if self._many and self.exact and not self._inverses:
+        if not self._inverses and ((self._many and self.exact) or len(self._last) <= _KEPT):
             self._halves = inverses
         return diagonal
 
@@ -389,8 +400,17 @@ def inverse_factor(L: Real) -> Real:
 
 def inverse_of(L: Real) -> Real:
     """(L L^T)^-1."""
-    lower = np.tril(_by_lapack(spotri if L.dtype == np.float32 else dpotri, L))
-    return lower + np.tril(lower, -1).T
+    return _symmetric(_by_lapack(spotri if L.dtype == np.float32 else dpotri, L))
+
+
+def _symmetric(lower: Real) -> Real:
+    """The matrix of this lower triangle, in its place; entries above the diagonal are undefined."""
+    for first in range(0, len(lower), _PANEL):  # transposed as a whole it does not fit into the cache
+        end = min(first + _PANEL, len(lower))
+        square = np.tril(lower[first:end, first:end])
+        lower[first:end, first:end] = square + np.tril(square, -1).T
+        lower[first:end, end:] = lower[end:, first:end].T
+    return lower
 
 
 def _by_lapack(routine: Callable[..., Any], L: Real) -> Real:
