@@ -16,13 +16,14 @@ from ..fem.bodies import (
     Deformable,
     End,
     JoinedBodies,
+    Member,
     NonlinearBody,
     nonlinear,
     rigid_modes,
     turn_of,
 )
 from ..fem.contact import ContactSurface, FaceMotion, foot_points, springs_at
-from ..fem.geometry import RigidFoundation, moved, spin
+from ..fem.geometry import RigidFoundation, Turn, moved, spin
 from ..linalg.factors import NotPositiveDefinite
 from ..linalg.reductions import Reductions
 from ..solvers.friction_problem import FrictionProblem
@@ -250,7 +251,8 @@ class Iterate:
         then = replace(there, slip_rate=before.slip_rate[at], accumulated=accumulated, force_before=force)
         if start is not None:
             given = posed.body.given_gap(there.surface, time)
-            slip = start.slip(self.body, there.surface, given, there.foundation_motions, self.foundations)
+            turns = [self._turn(face) for face in there.surface.faces]
+            slip = start.slip(self.body, there.surface, given, there.foundation_motions, self.foundations, turns)
             each_of = zip(posed.body.contacts, there.foundation_motions, start.motions, strict=True)
             spins = (
                 None if one.rotation is None else spin(now, at_start, time - before.time)
@@ -261,6 +263,11 @@ class Iterate:
         self._posed, self._start = self.problem, start
         if start is not None and self._pairs_alone:
             self.problem.slid = self.slid
+
+    def _turn(self, face: str) -> Turn | None:
+        """The largest of `turns` of the body of a face in the step; collective."""
+        of = turns(self.body, self.body.face(face, "contact")[0], self._before.time, self.time)
+        return max(of, key=lambda turn: abs(turn.angle), default=None)
 
     @property
     def _pairs_alone(self) -> bool:
@@ -334,6 +341,17 @@ class Iterate:
         return FaceMotion(
             *foot_points(self.body, surface.faces, motions, self.foundations), surface, motions, self.body.x
         )
+
+
+def turns(bodies: Deformable, member: Member, start: float, time: float) -> list[Turn]:
+    """Rotations of a body in a load step that supports and rigid faces prescribe; collective."""
+    found = nonlinear(member.body).turns_since(start, time)
+    for motion in bodies.constraints.motions:
+        if np.all(motion.given.prescribed[3:]) and bodies.face(motion.given.face, "rigid face")[0] is member:
+            before, after = (motion.values(at, bodies.comm)[3:] for at in (start, time))
+            if angle := float(np.linalg.norm(after - before)):
+                found.append(Turn(motion.point, (after - before) / angle, angle))
+    return found
 
 
 def balanced_load(body: Deformable, residual: FloatArray, over: Reductions) -> FloatArray:

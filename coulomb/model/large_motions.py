@@ -33,7 +33,7 @@ from .certificate import LIMIT, Certificate, Evidence, judge, settled_to
 from .certificate_scales import place_of_largest
 from .discrete_problem import DiscreteProblem
 from .equilibrium import refuse_without_equilibrium
-from .iterate import CarriedForces, Iterate, Linearised, linearised
+from .iterate import CarriedForces, Iterate, Linearised, linearised, turns
 from .load_step import ended
 from .load_steps import LoadSteps
 from .newton_step import Step, newton_step
@@ -191,13 +191,29 @@ class LoadStepLoop:
         followed = any(nonlinear(one.body).follows for one in self.elasticity.members)
         if pairs or followed or self.elasticity.constraints.bolts:
             try:
-                begin = self._ahead(state, u) if pairs else u
+                begin = self._ahead(state, u) if pairs else self._turned(state, u)
                 return self._solved_from(state, begin, tolerance, solve, exact=True)
             except (CGNotConverged, NotPositiveDefinite, Refused, NotConverged) as failure:
                 if isinstance(failure, NotConverged) and failure.result.status is Status.INTERRUPTED:
                     raise
                 _log.debug("with exact Newton steps: %s", failure)
-        return self._solved_from(state, u, tolerance, solve, exact=False)
+        return self._solved_from(state, self._turned(state, u), tolerance, solve, exact=False)
+
+    def _turned(self, state: State, u: FloatArray) -> FloatArray:
+        """Where a step begins in which bodies are turned as a whole: with these turned, metres, (k, 3); collective."""
+        bodies, over = self.elasticity, Reductions(self.comm)
+
+        def off(u: FloatArray) -> float:
+            ways = [one.prescribed(bodies.reference + u, self.time, self.comm) for one in bodies.constraints.motions]
+            prescribed = bodies.at_time(self.time).at(self.time).prescribed
+            return over.max(np.abs([bodies.held_at(self.time).held_part(u) - prescribed, *ways]).ravel())
+
+        for member in bodies.members:
+            for turn in turns(bodies, member, state.time, self.time):
+                there, X = u.copy(), bodies.reference[member.nodes]
+                there[member.nodes] = turn.point + (X + u[member.nodes] - turn.point) @ turn.matrix.T - X
+                u = there if off(there) < 0.5 * off(u) else u
+        return u
 
     def _ahead(self, state: State, u: FloatArray) -> FloatArray:
         """Where a step begins that goes on as the one before, metres, (k, 3): nodes of faces that slide are then before

@@ -388,3 +388,40 @@ def test_friction_of_whole_turns_is_against_the_velocity_and_works_along_the_arc
     assert answer.valid
     assert -np.cross(from_axis, answer.force_on_body).sum(axis=0) @ axis == pytest.approx(torque, rel=1e-6)
     assert after.state.energy.dissipated - before.state.energy.dissipated == pytest.approx(15.0 * torque, rel=1e-6)
+
+
+def turned(face, point, axis, angles):
+    """Supports of a pad, and a rigid face: that a rotation of its top is prescribed by, and 1 mm downwards before."""
+    down = [(0.0, 0.0), (1.0, 1.0)]
+    if face == "support":
+        held = coulomb.PrescribedRotation("top", point, axis, 1.0, angles, axial="free")
+        return [held, coulomb.PrescribedDisplacement("top", (0.0, 0.0, -1e-3), "z", amplitude=down)], []
+    rotation = tuple(2.0 * np.array(axis))
+    half = [(time, 0.5 * angle) for time, angle in angles]
+    amplitudes = [1.0, 1.0, down, half, half, half]
+    return [], [coulomb.RigidFace("top", point, (0.0, 0.0, -1e-3), rotation, amplitudes=amplitudes)]
+
+
+@pytest.mark.parametrize("held", ["support", "rigid face"])
+def test_friction_under_a_body_that_is_turned_is_along_the_arc(held):
+    """A pad is turned on a plane at rest about an axis beside it, by 90 degrees, and by a whole turn: friction is
+    against the velocity, and works by torque times angle."""
+    axis, point = (0.0, 0.0, 1.0), (0.03, 0.0, 0.0)
+    angles = [(1.0, 0.0), (2.0, 0.5 * np.pi), (3.0, np.pi), (4.0, 3.0 * np.pi), (5.0, 5.0 * np.pi)]
+    supports, rigid = turned(held, point, axis, angles)
+    problem = coulomb.ContactProblem(
+        coulomb.box((0.02, 0.02, 0.02), (1, 1, 1)),
+        coulomb.NeoHookean(1e6, 0.3),
+        supports,
+        coulomb.Contact("bottom", 0.3, foundation=coulomb.Plane((0.0, 0.0, 0.0), axis)),
+        rigid_faces=rigid,
+        kinematics="large",
+    )
+    *_, before, after = coulomb.LoadHistory([1.0, 2.0, 3.0, 4.0, 5.0], halvings=0).steps(problem)
+    answer = after.solution
+    from_axis = answer.problem.surface.x - point
+    torque = 0.3 * answer.contact_force[0::3] @ np.linalg.norm(np.cross(from_axis, axis), axis=1)
+    assert answer.valid
+    assert -np.cross(from_axis, answer.force_on_body).sum(axis=0) @ axis == pytest.approx(torque, rel=1e-6)
+    work = after.state.energy.dissipated - before.state.energy.dissipated
+    assert work == pytest.approx(2.0 * np.pi * torque, rel=1e-6)

@@ -70,14 +70,21 @@ class _SupportedBody(LoadedBody):
     def _turned(self, time: float, way: Callable[[Turn, FloatArray], FloatArray]) -> FloatArray:
         """Prescribed displacements along the held directions at a time, of a turn those of arms (k, 3); collective."""
         values = super().prescribed_values(time)
+        for number, turn in self.turns(time).items():
+            here = self._rows.support == number
+            moved = way(turn, self.x[self._rows.node[here]] - turn.point)
+            values[here] = np.einsum("ri,ri->r", self._rows.direction[here], moved)
+        return values
+
+    def turns(self, time: float) -> dict[int, Turn]:
+        """Prescribed rotations at a time, by the numbers of their supports; collective."""
+        found = dict[int, Turn]()
         for number, support in enumerate(self.supports):
             if isinstance(support, PrescribedRotation):
-                here, axis = self._rows.support == number, np.array(support.axis) / np.linalg.norm(support.axis)
+                axis = np.array(support.axis) / np.linalg.norm(support.axis)
                 angle = support.angle * self._factor(support.amplitude, time, support.what)
-                turn = Turn(np.array(support.point), axis, angle)
-                moved = way(turn, self.x[self._rows.node[here]] - turn.point)
-                values[here] = np.einsum("ri,ri->r", self._rows.direction[here], moved)
-        return values
+                found[number] = Turn(np.array(support.point), axis, angle)
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,6 +230,10 @@ class HyperelasticBody(NonlinearBody):
 
     def held_at(self, time: float) -> HeldDirections:
         return self._loaded.held_at(time)
+
+    def turns_since(self, start: float, time: float) -> list[Turn]:
+        before = self._loaded.turns(start)
+        return [replace(now, angle=now.angle - before[k].angle) for k, now in self._loaded.turns(time).items()]
 
     def at(self, time: float) -> Loading:
         loading = super().at(time)

@@ -21,6 +21,7 @@ from petsc4py import PETSc
 from ...arrays import FloatArray, Int32Array
 from .. import compat
 from ..compat import fem, ufl
+from ..geometry import Turn
 from ..meshes import boundary_facets
 from ..ufl_values import in_cells
 from .compiled_form import CompiledForm, compiled, integrals_of_kind, terms_without
@@ -197,6 +198,10 @@ class NonlinearBody(FormBody):
     def follows(self) -> bool:
         """Whether loads follow the displacement with a tangent that is not symmetric."""
         return self._follows
+
+    def turns_since(self, start: float, time: float) -> list[Turn]:
+        """Rotations in a load step that supports prescribe; not those by the user's own conditions; collective."""
+        return []
 
     @property
     def undeformed(self) -> NonlinearBody:

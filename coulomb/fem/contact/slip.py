@@ -3,9 +3,10 @@
 On a rigid foundation a node has a foot point, fixed in the foundation's coordinates: slip is the way of the foot point
 since the start of the step, along the arc, in the direction of its chord in the present tangent plane; with a given gap
 g the way on the surface at the distance -g, longer by -g times the angle of the arc.  It is exactly 0 where the node
-has stayed on its place of the foundation, however far this has moved.  Of a disc or a drum that turns about its axis,
-what a node does not turn with it is an arc about that: it may be longer than a turn, and friction is against the
-velocity at the end of the step, as in small motions.
+has stayed on its place of the foundation, however far this has moved.  Where the foundation turns about an axis about
+which it is a surface of revolution, as a disc or a drum, or the body is turned about one, the angle between the two is
+an arc about that: it may be longer than a turn, and friction is against the velocity at the end of the step, as in
+small motions.
 
 Of two deformable faces, contact point j has the averages D x of the slave and M x of the master.  With the weights of
 the start of the step these are of the points that were opposite then, with the present ones of those that are now: slip
@@ -25,7 +26,7 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ..bodies import Deformable
-from ..geometry import Revolved, RigidFoundation, RigidMotion, on_all_ranks
+from ..geometry import Revolved, RigidFoundation, RigidMotion, Turn, on_all_ranks
 from .surface import ContactSurface
 
 Foundations = Sequence[RigidFoundation | None]
@@ -36,6 +37,10 @@ _FOOT_STEPS: Final = 3
 
 _PARALLEL: Final = 1e-4
 """Angle in radians of two normals below which chord and arc are equal to rounding: its square over 24 is 4e-10."""
+
+
+_SAME: Final = 1e-9
+"""Sine of the angle between axes, and distance between them over that of the nodes, up to which they are the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,15 +69,16 @@ class FaceMotion:
         given: FloatArray,
         motions: Sequence[RigidMotion],
         foundations: Foundations,
+        turns: Sequence[Turn | None],
     ) -> FloatArray:
         """Slip since the start of the step at the contact points of a surface with given gaps (m,), space vectors in
-        metres, shape (m, 3); collective."""
+        metres, shape (m, 3), where supports turn the body of each face so in the step; collective."""
         slip = np.zeros_like(surface.x)
         present, normals = foot_points(body, surface.faces, motions, foundations)
         for part, feet in present.items():
             foundation, motion = foundations[part], motions[part]
             then = _Foot(self.feet[part], self.normals[part])
-            ways = _ways(_Foot(feet, normals[part]), then, motion, self.motions[part], foundation)
+            ways = _ways(_Foot(feet, normals[part]), then, motion, self.motions[part], foundation, turns[part])
             # of points that are averages of nodes: of the feet of these
             here = surface.part == part
             way, turn = (surface.points.average(np.nan_to_num(of))[here] for of in ways)
@@ -123,29 +129,80 @@ class _Foot(NamedTuple):
     normal: FloatArray
 
 
+class _Turns(NamedTuple):
+    """Angles in radians by which a foundation and the body turn in a step about an axis of length 1 through a point, in
+    the coordinates of the foundation."""
+
+    point: FloatArray
+    axis: FloatArray
+    foundation: float
+    body: float
+
+
+def _turns(
+    x: FloatArray,
+    motion: RigidMotion,
+    earlier: RigidMotion,
+    foundation: RigidFoundation | None,
+    driven: Turn | None,
+) -> _Turns | None:
+    """About an axis about which the foundation is a surface of revolution, of points x (k, 3), metres; None if neither
+    turns about one."""
+    turn, before, angle = motion.turn, earlier.turn, motion.angle - earlier.angle
+    if not isinstance(foundation, Revolved):
+        return None
+    if driven is not None:
+        (point,), (axis,) = motion.undone(driven.point[None]), motion.turned_back(driven.axis[None])
+    if turn and before and angle != 0.0:
+        if not np.array_equal(turn.axis, before.axis) or not foundation.revolves(turn.point, turn.axis):
+            return None
+        of_body = 0.0
+        if driven is not None and _same_line(point - turn.point, axis, turn.axis, x - turn.point):
+            of_body = float(np.sign(axis @ turn.axis)) * driven.angle
+        return _Turns(turn.point, turn.axis, angle, of_body)
+    if driven is None or not foundation.revolves(point, axis):
+        return None
+    moved = motion.turned_back((motion.translation - earlier.translation)[None])[0]
+    return _Turns(point, axis, 0.0, driven.angle) if _same_line(moved, axis, axis, x - point) else None
+
+
+def _same_line(apart: FloatArray, axis: FloatArray, other: FloatArray, arms: FloatArray) -> bool:
+    """Whether two axes of length 1, with a vector from one to the other, are the same line for points with these arms
+    from it (k, 3), metres."""
+    near = np.linalg.norm(np.cross(apart, other)) <= _SAME * np.max(np.nan_to_num(np.abs(arms)), initial=0.0)
+    return bool(near and np.linalg.norm(np.cross(axis, other)) <= _SAME)
+
+
 def _ways(
-    now: _Foot, then: _Foot, motion: RigidMotion, earlier: RigidMotion, foundation: RigidFoundation | None
+    now: _Foot,
+    then: _Foot,
+    motion: RigidMotion,
+    earlier: RigidMotion,
+    foundation: RigidFoundation | None,
+    driven: Turn | None,
 ) -> tuple[FloatArray, FloatArray]:
-    """`_along_arc` from the feet at the start of a step to those at its end.  On a foundation that has turned about its
-    own axis these are first turned by what their nodes have not turned with it, an arc of its own."""
-    turn, before, arcs = motion.turn, earlier.turn, np.zeros((2, *now.x.shape))
-    revolves = turn and isinstance(foundation, Revolved) and foundation.revolves(turn.point, turn.axis)
-    if revolves and turn and before and np.array_equal(turn.axis, before.axis):
-        axis, angle = turn.axis, turn.angle - before.angle
-        left = _lag(then.x - turn.point, now.x - turn.point, axis, angle)[:, None]
-        then = _Foot(_turned(then.x - turn.point, axis, left) + turn.point, _turned(then.normal, axis, left))
-        arcs = np.stack([left * np.cross(axis, of) for of in (now.x - turn.point, now.normal)])
+    """`_along_arc` from the feet at the start of a step to those at its end.  Where foundation or body turn about an
+    axis of the foundation, these are first turned by the angle between its nodes and the foundation, an arc of its
+    own."""
+    about, arcs = _turns(now.x, motion, earlier, foundation, driven), np.zeros((2, *now.x.shape))
+    if about is not None:
+        point, axis = about.point, about.axis
+        left = _lag(then.x - point, now.x - point, about)[:, None]
+        then = _Foot(_turned(then.x - point, axis, left) + point, _turned(then.normal, axis, left))
+        arcs = np.stack([left * np.cross(axis, of) for of in (now.x - point, now.normal)])
     way, angles = _along_arc(now.x - then.x, now.normal, then.normal)
     return way + arcs[0], angles + arcs[1]
 
 
-def _lag(then: FloatArray, now: FloatArray, axis: FloatArray, angle: float) -> FloatArray:
-    """Angles, from 0 to -angle, by which points (k, 3) lag behind what has turned by an angle about an axis through the
-    origin, of places in the coordinates of that; by less than half a turn a point turns of itself."""
+def _lag(then: FloatArray, now: FloatArray, about: _Turns) -> FloatArray:
+    """Angles by which points (k, 3) lag behind the foundation, of places in its coordinates from the axis: by less than
+    half a turn they turn otherwise than the body, and by angles between 0 and those of body and foundation."""
+    axis = about.axis
     sine, cosine = np.cross(then, now) @ axis, np.einsum("ki,ki->k", then, now) - (then @ axis) * (now @ axis)
-    own = angle + np.arctan2(sine, cosine)
-    own = np.clip(np.arctan2(np.sin(own), np.cos(own)), min(angle, 0.0), max(angle, 0.0))
-    lag: FloatArray = own - angle
+    other = about.foundation - about.body + np.arctan2(sine, cosine)
+    own = about.body + np.arctan2(np.sin(other), np.cos(other))
+    ends = 0.0, about.foundation, about.body
+    lag: FloatArray = np.clip(own, min(ends), max(ends)) - about.foundation
     return lag
 
 
