@@ -45,6 +45,8 @@ class Constraints:
                 coupling = card
             elif card.kind in ("KINEMATIC", "DISTRIBUTING") and coupling is not None:
                 self._coupled(coupling, card)
+            elif card.kind in ("KINEMATICCOUPLING", "DISTRIBUTINGCOUPLING"):
+                self._coupled_nodes(card)
             elif card.kind == "RIGIDBODY":
                 self._rigid_body(card)
             elif card.kind == "PRE-TENSIONSECTION":
@@ -93,6 +95,35 @@ class Constraints:
             return
         self._of_node[node] = ("rigid", len(self._rigid))
         self._rigid.append({"face": face, "point": self._point(node)})
+
+    def _coupled_nodes(self, card: Card) -> None:
+        """Abaqus' *KINEMATIC COUPLING: nodes with the degrees of freedom that follow the reference node; and
+        CalculiX' *DISTRIBUTING COUPLING: nodes with the weights of the mean that it follows."""
+        if card.kind == "KINEMATICCOUPLING":
+            node = self._reference(card, "REFNODE")
+            if card.get("ORIENTATION"):
+                raise card.fault("degrees of freedom in axes of their own (ORIENTATION) are not read")
+        else:
+            element = self._of.deck.element_sets.members(self._of.set_name(card))
+            rows = np.vstack(self._of.deck.elements.get("DCOUP3D", [np.empty((0, 2), dtype=np.int64)]))
+            found = rows[np.isin(rows[:, 0], element), 1]
+            if len(found) != 1:
+                raise card.fault(f"ELSET={card.get('ELSET')} should be one element DCOUP3D, but has {len(found)}")
+            node = int(found[0])
+        if node in self._of.frames:
+            raise card.fault(f"node {self._of.deck.called(node)} {_IN_FRAME}")
+        weights: dict[int, float] = {}
+        for row, words in card.rows("nodes", 1):
+            nodes = self._of.node_numbers(words[0], card, row)
+            if card.kind == "KINEMATICCOUPLING":
+                dofs = set(card.freedoms(words[1:], row)) if any(words[1:]) else {1, 2, 3}
+                self._equations.couple(node, np.unique(nodes), dofs)
+                continue
+            weight = card.number(words[1], row) if len(words) > 1 else 0.0
+            for one in map(int, nodes):
+                weights[one] = weights.get(one, 0.0) + weight
+        if weights:
+            self._equations.mean(node, weights, card)
 
     def _nodes_on(self, coupling: Card) -> IntArray:
         """The nodes of the surface of a coupling; ValueError where sides get nodes that the deck has not."""

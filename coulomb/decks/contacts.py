@@ -21,6 +21,9 @@ _NONE: Final = 1e-9
 """Below this, likewise, there is no contact: only heat crosses."""
 
 
+_ROUGH: Final = 100.0
+"""Friction in place of *FRICTION, ROUGH, under which faces do not slip while they touch."""
+
 _NEAR: Final = 0.02
 """Distance of faces that general contact makes pairs, over the extent of the model."""
 
@@ -299,6 +302,10 @@ def _law(of: Reading, card: Card | None) -> str:
     elif kind == "EXPONENTIAL":
         c0, p0 = card.vector(0, 2)
         stiffness = p0 * np.log(100.0) / c0
+    elif kind == "TABULAR":
+        stiffness = _least_slope(card)
+        if stiffness < _SOFT * min(_moduli(of), default=float("inf")) / _edge(of):
+            raise card.fault(f"a table whose least slope is {stiffness:.3g} is a layer, which is not read")
     else:
         raise card.fault(f"PRESSURE-OVERCLOSURE={card.get('PRESSURE-OVERCLOSURE')} is a layer, which is not read")
     bound = min(_moduli(of), default=float("inf")) / _edge(of)
@@ -310,6 +317,16 @@ def _law(of: Reading, card: Card | None) -> str:
             f"({bound:.3g}): a penalty; here contact is hard"
         )
     return "hard"
+
+
+def _least_slope(card: Card) -> float:
+    """Of a table of pressures and overclosures, from touching on."""
+    pressure, overclosure = np.array([card.vector(row, 2) for row in range(len(card.lines))]).T
+    if len(pressure) < 2 or np.any(np.diff(overclosure) <= 0.0) or np.any(np.diff(pressure) < 0.0):
+        raise card.fault("needs lines of pressure and overclosure, both ascending")
+    if overclosure[0] < 0.0 or pressure[0] != 0.0:
+        raise card.fault("a table that does not begin with no pressure at no overclosure is a layer, which is not read")
+    return float(np.min(np.diff(pressure) / np.diff(overclosure)))
 
 
 def _moduli(of: Reading) -> list[float]:
@@ -345,7 +362,7 @@ def _note_stick_slope(of: Reading, card: Card | None) -> None:
     """Say where CalculiX lets surfaces slip that stick: by shear stress over stick slope, half of the first modulus
     where the slope is not given."""
     moduli = _moduli(of)
-    if not _coefficient(card) or card is None or not moduli or "SLIPTOLERANCE" in card.parameters:
+    if not _coefficient(card) or card is None or not moduli or {"SLIPTOLERANCE", "ROUGH"} & card.parameters.keys():
         return
     words = card.words(0)
     given = len(words) > 1 and bool(words[1])
@@ -380,9 +397,11 @@ def _in_time(key: str, rows: Sequence[tuple[float, float]]) -> dict[str, Any]:
 
 
 def _coefficient(card: Card | None) -> float:
-    for name in ("ROUGH", "EXPONENTIALDECAY", "ANISOTROPIC", "USER", "DEPENDENCIES"):
+    for name in ("EXPONENTIALDECAY", "ANISOTROPIC", "USER", "DEPENDENCIES"):
         if card is not None and name in card.parameters:
             raise card.fault(f"friction of kind {name} is not read: give a coefficient")
+    if card is not None and "ROUGH" in card.parameters:
+        return _ROUGH
     if card is None or not card.lines:
         return 0.0
     if len(card.lines) > 1:

@@ -99,6 +99,14 @@ class Equations:
                 }
                 self._add({key: value for key, value in terms.items() if value})
 
+    def mean(self, node: int, weights: dict[int, float], card: Card) -> None:
+        """A reference node that follows the weighted mean of others."""
+        total = sum(weights.values())
+        if not min(weights.values()) >= 0.0 or not total:
+            raise card.fault("needs nodes with weights that are not negative, nor all 0")
+        for dof in (1, 2, 3):
+            self._add({(one, dof): weight for one, weight in weights.items() if weight} | {(node, dof): -total})
+
     def stay(self, card: Card) -> None:
         """*MPC of kind PLANE and STRAIGHT, of small motions: nodes stay in the plane of the first three, which may move
         and turn, or on the line of the first two."""

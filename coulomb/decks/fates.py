@@ -34,6 +34,8 @@ _HANDLED: Final = frozenset(
             "COUPLING",
             "KINEMATIC",
             "DISTRIBUTING",
+            "KINEMATICCOUPLING",
+            "DISTRIBUTINGCOUPLING",
             "PRE-TENSIONSECTION",
         ),
         *("SPRING", "CONTACT", "CONTACTINCLUSIONS", "CONTACTPROPERTYASSIGNMENT"),
@@ -49,6 +51,7 @@ _IN_STEPS: Final = frozenset(
 _OUTSIDE: Final = frozenset(
     ("MATERIAL", "ELASTIC", "HYPERELASTIC", "DENSITY", "EXPANSION", "SOLIDSECTION", "ORIENTATION", "TRANSFORM", "TIE")
     + ("EQUATION", "MPC", "RIGIDBODY", "COUPLING", "KINEMATIC", "DISTRIBUTING", "PRE-TENSIONSECTION", "SPRING")
+    + ("KINEMATICCOUPLING", "DISTRIBUTINGCOUPLING")
     + ("CONTACTPAIR", "SURFACEINTERACTION", "CLEARANCE", "CYCLICSYMMETRYMODEL", "INITIALCONDITIONS", "GAPCONDUCTANCE")
     + ("CONTACT", "CONTACTINCLUSIONS", "CONTACTPROPERTYASSIGNMENT")
 )
@@ -192,6 +195,8 @@ def _fate(
             return USED, ""
         if title in KINDS:
             return USED, "springs"
+        if title == "DCOUP3D":
+            return USED, "reference nodes of *DISTRIBUTING COUPLING"
         if title in surface_elements:
             return USED, "surface elements name faces"
         if title.startswith("CPEG"):
@@ -218,7 +223,7 @@ def _fate(
         return REFUSED, f"{where}: of type {card.get('TYPE')}: displacements are read"
     for name in _NOT_READ.get(kind, ()):
         parameter, _, value = name.partition("=")
-        if parameter in card.parameters and value in ("", card.key(parameter)):
+        if parameter in card.parameters and (not value or card.key(parameter) in ("", value)):
             return REFUSED, f"{where}: with {parameter} it says what is not read"
     if kind in _HANDLED or kind == "MODELCHANGE":
         unknown = [name for name in card.parameters if name not in _PARAMETERS]

@@ -145,3 +145,35 @@ def test_a_reference_node_with_a_frame_of_its_own(tmp_path):
             tables_of(tmp_path, face.format(directions) + frame + STEP.format(wrong))
     held = tables_of(tmp_path, face.format("1, 3") + frame + STEP.format("*BOUNDARY\n101, 1, 6")).tables
     assert held["rigid_face"][0]["translation"] == {"x": 0.0, "y": 0.0, "z": 0.0}
+
+
+def test_a_reference_node_that_follows_a_mean(tmp_path):
+    """CalculiX' *DISTRIBUTING COUPLING: a force is shared by weights; held, the mean stays, and nodes differ."""
+    mean = "*ELEMENT, TYPE=DCOUP3D, ELSET=d\n9, 101\n*DISTRIBUTING COUPLING, ELSET=d\n{}\n"
+    mean = REFERENCE + mean.format("15, 1.\n16, 1.\n17, 2.\n18, 0.")
+    tables, _, _, totals = displacement(tmp_path, mean + STEP.format("*CLOAD\n101, 3, -8."))
+    forces = {one["nodes"][0]: one["force"][2] for one in tables["nodal_force"]}
+    assert forces == {15: -2.0, 16: -2.0, 17: -4.0} and totals["force"][2] == pytest.approx(8.0)
+    moved = STEP.format("*BOUNDARY\n101, 3, 3, -.001\n*CLOAD\n17, 3, -50.")
+    _, x, u, _ = displacement(tmp_path, mean + moved)
+    lid = {tuple(at[:2]): down for at, down in zip(x, u[:, 2], strict=True) if at[2] == 2.0}
+    assert lid[0, 0] + lid[1, 0] + 2.0 * lid[1, 1] == pytest.approx(-0.004) and lid[1, 1] < lid[0, 0]
+    for wrong, said in (
+        (mean.replace("9, 101", "9, 101\n10, 101"), "should be one element DCOUP3D, but has 2"),
+        (mean.replace("17, 2.", "17, -2."), "weights that are not negative, nor all 0"),
+        (mean.replace("ELSET=d\n15", "ELSET=e\n15"), "no element set 'e'"),
+    ):
+        with pytest.raises(ValueError, match=rf"deck.inp: line \d+: \*DISTRIBUTING COUPLING: .*{said}"):
+            tables_of(tmp_path, wrong + STEP.format("*CLOAD\n101, 3, -8."))
+
+
+def test_nodes_that_are_coupled_without_a_surface(tmp_path):
+    """Abaqus' *KINEMATIC COUPLING is the coupling of a surface with the same nodes."""
+    free, load = REFERENCE.replace("top, 1, 2\n", ""), STEP.format("*CLOAD\n101, 3, -10.\n101, 1, 1.\n101, 5, -.5")
+    of_surface = (
+        "*SURFACE, NAME=lid\n2, S2\n*COUPLING, REF NODE=101, SURFACE=lid, CONSTRAINT NAME=c\n*KINEMATIC\n1, 3\n"
+    )
+    right = displacement(tmp_path, free + of_surface + load)
+    for lines in ("top, 1, 3", "top", "15, 1, 2\n15, 3\n16, 1, 6\n17, 1, 3\n18, 1, 3"):
+        own = displacement(tmp_path, f"{free}*KINEMATIC COUPLING, REF NODE=101\n{lines}\n{load}")
+        assert np.allclose(own[2], right[2], rtol=0.0, atol=1e-7 * np.abs(right[2]).max())

@@ -454,7 +454,6 @@ def test_loads_of_other_kinds(tmp_path):
 
 REFUSED_OPTIONS = {
     "*FRICTION\n.2, 1.E6": {
-        "*FRICTION, ROUGH": "friction of kind ROUGH",
         "*FRICTION, EXPONENTIAL DECAY\n.3, .2, 1.": "friction of kind EXPONENTIALDECAY",
         "*FRICTION\n.2, 0., 0.\n.1, 0., 100.": "line 46: .*depends on slip rate, pressure or temperature",
     },
