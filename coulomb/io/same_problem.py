@@ -65,7 +65,7 @@ def _described(problem: DiscreteProblem) -> dict[str, Any]:
     if isinstance(problem, ContactProblem):
         own = {*found, *_NUMERICAL, *(("material",) if isinstance(problem.made_of, Deformable) else ())}
         found |= {name: value for name, value in problem.given.items() if name not in own}
-        found["ties"] = with_slaves(found["ties"], problem.elasticity.constraints.ties)
+        found["ties"] = with_slaves(found["ties"], problem.elasticity.constraints.as_made)
     return found
 
 

@@ -342,7 +342,7 @@ class ContactProblem(DiscreteProblem):
         ]
         if given["kinematics"] == "small" and not isinstance(mesh, Deformable):
             contacts = [one if one.against is None else _on_curved_faces(one, mesh) for one in contacts]
-        given["ties"] = with_slaves(given["ties"], self.elasticity.constraints.ties)
+        given["ties"] = with_slaves(given["ties"], self.elasticity.constraints.as_made)
         return type(self)(**{**given, "mesh": mesh, "contact": contacts, "time": self.time})
 
     @property

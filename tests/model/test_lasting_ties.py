@@ -135,6 +135,13 @@ def test_slaves_of_tie_and_contact():
         column([Tied(*PAIR, begin=1.0)], moved((0.0, 0.0, 1e-3), 1.0)).at(2.0)
 
 
+def test_a_tie_has_the_same_slave_on_another_mesh_before_it_begins():
+    """Also where the other face is the finer one there."""
+    problem = column([Tied(*PAIR, begin=1.0)], moved((0.0, 0.0, 1e-3), 1.0))
+    other = problem.on(column([], [], cells=(2, 1)).made_of)
+    assert [tie.face for one in (problem, other) for tie in one.elasticity.constraints.every] == [PAIR[0]] * 2
+
+
 def test_a_case_of_ties(tmp_path):
     (tmp_path / "case.toml").write_text(ENDING_TIES)
     done = run_coulomb("run", "case.toml", cwd=tmp_path)

@@ -15,7 +15,7 @@ from mpi4py import MPI
 from ...arrays import BoolArray, FloatArray, IntArray, is_number
 from ..bodies import Deformable, GivenBolt, Section, Tie
 from ..geometry import Amplitude, Point, check_direction
-from .ties import Tied, tie_of
+from .ties import Tied
 
 _PLANE: Final = 0.95
 """Length of the mean normal of a section below which it has no direction of its own."""
@@ -67,39 +67,36 @@ class Pretension(Tied, GivenBolt):
             raise ValueError(f"{self.what}: lock must be a time, but is {self.lock!r}")
 
     def joined(self, body: Deformable, taken: BoolArray) -> Tie:
-        """The tie, with the section; collective; errors as of `section_of`."""
-        return section_of(body, self, taken)
+        """The tie, with the section; collective.
 
-
-def section_of(body: Deformable, given: Pretension, taken: BoolArray) -> Tie:
-    """The section of a bolt, of nodes that are in no tie (`taken`, (k,)); collective.
-
-    Raises:
-        ValueError: On every rank, as of `tie_of`, if it is not plane and has no direction, or if supports hold it along
-            the bolt.
-    """
-    comm, tie = body.comm, tie_of(body, given, taken)
-    x = body.x[tie.nodes]
-    sums = comm.allreduce(np.concatenate([[tie.area.sum()], tie.area @ tie.normal, tie.area @ x]))
-    area, mean, centre = float(sums[0]), sums[1:4] / sums[0], sums[4:] / sums[0]
-    n = mean if given.direction is None else np.array(given.direction, dtype=np.float64)
-    if given.direction is None and np.linalg.norm(mean) < _PLANE:
-        raise ValueError(
-            f"{given.what}: the section is not plane (its mean normal has the length {np.linalg.norm(mean):.2f}): "
-            "give the direction of the bolt"
-        )
-    n = n / np.linalg.norm(n) * (1.0 if n @ mean >= 0.0 else -1.0)
-    whole = body.nodes(tie.face, given.kind)
-    if comm.allreduce(bool(np.any(taken[whole])), op=MPI.LOR):
-        raise ValueError(f"{given.what}: some nodes of {tie.face!r} are tied already: give the pretension before ties")
-    if comm.allreduce(bool(np.any(np.abs(body.held.projector_at(whole) @ n) > _ALONG)), op=MPI.LOR):
-        raise ValueError(
-            f"{given.what}: supports hold nodes of the section along the bolt: end them before the section"
-        )
-    own = np.tile(n[:, None], (len(tie.nodes), 1, 1))
-    radius = float(np.sqrt(area / np.pi))
-    rim = _outermost(x - centre, n, radius, comm)
-    return replace(tie, own=own, bolt=Section(tie.face, given, centre, n, radius, rim, x[rim] - centre))
+        Raises:
+            ValueError: On every rank, as of a tie, if it is not plane and has no direction, or if supports hold it
+                along the bolt.
+        """
+        comm, tie = body.comm, super().joined(body, taken)
+        x = body.x[tie.nodes]
+        sums = comm.allreduce(np.concatenate([[tie.area.sum()], tie.area @ tie.normal, tie.area @ x]))
+        area, mean, centre = float(sums[0]), sums[1:4] / sums[0], sums[4:] / sums[0]
+        n = mean if self.direction is None else np.array(self.direction, dtype=np.float64)
+        if self.direction is None and np.linalg.norm(mean) < _PLANE:
+            raise ValueError(
+                f"{self.what}: the section is not plane (its mean normal has the length {np.linalg.norm(mean):.2f}): "
+                "give the direction of the bolt"
+            )
+        n = n / np.linalg.norm(n) * (1.0 if n @ mean >= 0.0 else -1.0)
+        whole = body.nodes(tie.face, self.kind)
+        if comm.allreduce(bool(np.any(taken[whole])), op=MPI.LOR):
+            raise ValueError(
+                f"{self.what}: some nodes of {tie.face!r} are tied already: give the pretension before ties"
+            )
+        if comm.allreduce(bool(np.any(np.abs(body.held.projector_at(whole) @ n) > _ALONG)), op=MPI.LOR):
+            raise ValueError(
+                f"{self.what}: supports hold nodes of the section along the bolt: end them before the section"
+            )
+        own = np.tile(n[:, None], (len(tie.nodes), 1, 1))
+        radius = float(np.sqrt(area / np.pi))
+        rim = _outermost(x - centre, n, radius, comm)
+        return replace(tie, own=own, bolt=Section(tie.face, self, centre, n, radius, rim, x[rim] - centre))
 
 
 def _outermost(r: FloatArray, n: FloatArray, radius: float, comm: MPI.Comm) -> IntArray:

@@ -20,7 +20,7 @@ from mpi4py import MPI
 
 from ...arrays import BoolArray, FloatArray, IntArray, is_number, unit_vectors
 from ...units import amount
-from ..bodies import Deformable, Equation, LastingConstraint, Tie
+from ..bodies import Deformable, Equation, Follower, LastingConstraint, Tie
 from ..geometry import Point, Turn, check_direction, check_point, on_all_ranks
 from ..meshes import fetched, starts_of
 from .contact_points import among_all
@@ -250,15 +250,10 @@ _TOGETHER: Final = 1e-13
 """Distance between a slave node and the point it follows, over the coordinates, that is a rounding error."""
 
 
-def with_slaves(given: Iterable[Tied | Equation], made: Iterable[Tie]) -> list[Tied | Equation]:
-    """Ties with the slaves that they have as they were made, whatever the meshes."""
-    sides = {frozenset((one.face, one.against)): (one.face, one.against) for one in made}
-
-    def made_of(one: Tied | Equation) -> Tied | Equation:
-        of = sides.get(frozenset((one.face, one.against))) if type(one) is Tied else None
-        return replace(one, face=of[0], against=of[1], slave=True) if type(one) is Tied and of else one
-
-    return [made_of(one) for one in given]
+def with_slaves(given: Iterable[Tied | Equation], made: Iterable[Follower]) -> list[Tied | Equation]:
+    """Ties with the slaves that they have, whatever the meshes, as those of `Constraints.as_made`."""
+    ties = (one for one in made if type(one) is Tied)
+    return [next(ties) if type(one) is Tied else one for one in given]
 
 
 def tie_of(body: Deformable, given: Tied, taken: BoolArray) -> Tie:
