@@ -323,7 +323,8 @@ class PairSamples:
     def _away(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Largest distances of values at the points (f, q, d) from the combinations of the facets' functions with their
         averages by dual ones, and from the quadratic functions nearest to them, shape (f, d) each."""
-        integral = np.maximum(self._own.sum(axis=2), 1e-300)[:, :, None]
+        least = np.maximum(1e-12 * np.abs(self._own).sum(axis=2), 1e-300)  # of nodes with nothing opposite on the facet
+        integral = np.maximum(self._own.sum(axis=2), least)[:, :, None]
         nodal = np.einsum("fjq,fqd->fjd", self._own, values[:, : self._inner]) / integral
         there, curves = self._there.astype(np.float64), self._curves
         square = np.einsum("fq,qi,qj->fij", there, curves, curves) + 1e-12 * np.eye(curves.shape[1])

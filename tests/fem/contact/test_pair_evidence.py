@@ -299,6 +299,16 @@ def test_a_large_facet_on_many_small_ones(cell):
     assert answer.valid and answer.at_nodes.totals()["normal_force"] == pytest.approx(1e6, rel=1e-9)
 
 
+@pytest.mark.parametrize("size", [1.0, 1e6])
+def test_a_facet_with_a_node_that_has_nothing_opposite_on_it(size):
+    """Of any size, as of parts in millimetres: its mean there was of rounding errors over 1e-300, infinite."""
+    lower = box((size, size, 0.3 * size), (3, 2, 2), degree=2)
+    upper = moved(box((0.6 * size, 0.6 * size, 0.2 * size), (2, 1, 1)), (0.2 * size, 0.2 * size, 0.3 * size))
+    contact, loads = Contact("upper:bottom", 0.3, against="lower:top"), [Traction("upper:top", (0.0, 0.0, -1e-4))]
+    bodies, clamps = join(lower=lower, upper=upper), [Clamp("lower:bottom")]
+    assert ContactProblem(bodies, Material(1.0, 0.3), clamps, contact, loads).solve().valid
+
+
 @pytest.mark.parametrize("parts", [4, 8])
 def test_a_fine_zone_of_the_master_needs_more_points_and_is_no_fault(parts):
     """A tenth of the master has cells so small that the lines of a slave facet miss most of them."""
