@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, Final
 
 import numpy as np
@@ -82,6 +83,9 @@ class Constraints:
         if kind.kind == "DISTRIBUTING":
             if kind.key("WEIGHTINGMETHOD") not in ("", "UNIFORM"):
                 raise kind.fault("weights by distance (WEIGHTING METHOD) are not read")
+            if self._is_held(node):
+                self._equations.mean_motion(node, self._areas_on(coupling), coupling)
+                return
             self._of_node[node] = ("distributing", len(self._rigid))
             self._rigid.append({"face": face, "point": self._point(node), "spread": True})
             return
@@ -125,23 +129,48 @@ class Constraints:
         if weights:
             self._equations.mean(node, weights, card)
 
+    def _is_held(self, node: int) -> bool:
+        """Whether a *BOUNDARY card names a node."""
+        cards = [*self._of.model, *(card for step in self._of.steps for card in step.cards)]
+        lines = ((card, row, words[0]) for card in cards if card.kind == "BOUNDARY" for row, words in card.rows())
+        return any(node in self._of.node_numbers(word, card, row) for card, row, word in lines)
+
+    def _areas_on(self, coupling: Card) -> dict[int, float]:
+        """The nodes of the surface of a coupling, with their shares of its area: of quadratic triangles the middles of
+        edges have it."""
+        surface = self._of.deck.surfaces[key_of(coupling.needs("SURFACE"))]
+        if surface.nodes:
+            return dict.fromkeys(map(int, self._of.deck.node_sets.members(surface.name)), 1.0)
+        found: dict[int, float] = {}
+        for nodes, corners, places in self._sides_on(coupling):
+            x = self._of.deck.points[self._of.deck.places(nodes[:, corners])]
+            area = np.linalg.norm(np.cross(x[:, 2] - x[:, 0], x[:, -1] - x[:, 1]), axis=1) / 2.0
+            for mine, size in zip(nodes[:, places], area / len(places), strict=True):
+                for node in map(int, mine):
+                    found[node] = found.get(node, 0.0) + float(size)
+        return found
+
     def _nodes_on(self, coupling: Card) -> IntArray:
         """The nodes of the surface of a coupling; ValueError where sides get nodes that the deck has not."""
         surface = self._of.deck.surfaces[key_of(coupling.needs("SURFACE"))]
         if surface.nodes:
             return self._of.deck.node_sets.members(surface.name)
-        found: list[IntArray] = []
-        for what, side in surface.lines:
+        every = ((nodes[:, corners], nodes[:, places]) for nodes, corners, places in self._sides_on(coupling))
+        return np.unique(np.concatenate([part.ravel() for parts in every for part in parts]))
+
+    def _sides_on(self, coupling: Card) -> Iterator[tuple[IntArray, list[int], list[int]]]:
+        """Nodes of elements with a side on the surface of a coupling, where the corners of that are, and its middles of
+        edges where it has these, else the corners again."""
+        for what, side in self._of.deck.surfaces[key_of(coupling.needs("SURFACE"))].lines:
             for nodes, table in named_sides(self._of.deck, self._of.deck.solids, what, side):
                 if not (side and table) or nodes.shape[1] > 10:
                     raise coupling.fault(
-                        "couplings of some directions are read on sides of elements without midside nodes, and of "
-                        "10-node tetrahedra"
+                        "couplings of some directions, and held distributing ones, are read on sides of elements "
+                        "without midside nodes, and of 10-node tetrahedra"
                     )
                 ends = EDGES[4] if nodes.shape[1] == 10 else ()
                 middles = [4 + k for k, edge in enumerate(ends) if set(edge) <= set(table[0])]
-                found.append(nodes[:, table[0] + middles].ravel())
-        return np.unique(np.concatenate(found))
+                yield nodes, table[0], middles or table[0]
 
     def _rigid_body(self, card: Card) -> None:
         name = next(filter(None, map(card.get, ("NSET", "TIENSET", "PINNSET"))), "")  # solids have no rotations
@@ -223,8 +252,6 @@ class Constraints:
                 "rotations as small: let its *KINEMATIC be of 1 to 3",
                 row,
             )
-        if kind == "distributing":
-            raise card.fault("the reference node of a distributing coupling cannot be held: use *KINEMATIC", row)
         for dof in dofs:
             if "FIXED" in card.parameters and kind != "bolt":
                 raise card.fault("FIXED is read at nodes of solids and of bolts", row)

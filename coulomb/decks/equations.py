@@ -16,7 +16,7 @@ from ..arrays import IntArray, as_list
 from .cards import Card, key_of
 from .materials import axes_at
 from .reading import Reading
-from .steps import Rows
+from .steps import Rows, value_at
 
 _FIXED_BY: Final = {"PLANE": 3, "STRAIGHT": 2}
 """Kinds of *MPC, by the number of nodes that the others follow."""
@@ -40,6 +40,7 @@ class Equations:
     def __init__(self, reading: Reading):
         self._of = reading
         self._equations: list[_Terms] = []
+        self._means: list[range] = []
         self.references: set[int] = set()
 
     def take(self, card: Card) -> None:
@@ -98,6 +99,27 @@ class Equations:
                     (node, j + 4): float(arm[i]),
                 }
                 self._add({key: value for key, value in terms.items() if value})
+
+    def mean_motion(self, node: int, weights: dict[int, float], card: Card) -> None:
+        """A reference node that follows the mean motion of others: the rotation theta that fits their displacements
+        best, sum w r x (u - theta x r) = 0 with r from their centre, and the mean displacement, carried to the node."""
+        nodes, w = list(weights), np.array(list(weights.values())) / sum(weights.values())
+        x = self._of.deck.points[self._of.deck.places(np.array(nodes))]
+        centre = w @ x
+        r, away = x - centre, self._of.point(node) - centre
+        inertia = np.einsum("i,ij,ij->", w, r, r) * np.eye(3) - np.einsum("i,ij,ik->jk", w, r, r)
+        if np.linalg.matrix_rank(inertia, tol=1e-9 * np.trace(inertia)) < 3:
+            raise card.fault("nodes on a line have no mean rotation")
+        turned = np.linalg.solve(inertia, w[:, None, None] * np.cross(r[:, None, :], np.eye(3)).transpose(0, 2, 1))
+        first = len(self._equations)
+        for k in range(3):
+            of_nodes = {(n, j + 1): float(turned[i, k, j]) for i, n in enumerate(nodes) for j in range(3)}
+            self._add({dof: value for dof, value in of_nodes.items() if value} | {(node, k + 4): -1.0})
+            i, j = (k + 1) % 3, (k + 2) % 3
+            shift = {(node, i + 4): float(away[j]), (node, j + 4): -float(away[i])}
+            mean = {(n, k + 1): float(share) for n, share in zip(nodes, w, strict=True)}
+            self._add(mean | {dof: value for dof, value in shift.items() if value} | {(node, k + 1): -1.0})
+        self._means.append(range(first, len(self._equations)))
 
     def mean(self, node: int, weights: dict[int, float], card: Card) -> None:
         """A reference node that follows the weighted mean of others."""
@@ -169,8 +191,7 @@ class Equations:
             loads: Their forces.
 
         Raises:
-            ValueError: If nothing says where a reference node with a force is, or one equation has constants with
-                different courses in time.
+            ValueError: If nothing says where a reference node with a force is.
         """
         forces = {dof: [(rows, 1.0) for rows in given] for dof, given in loads.items() if dof not in held}
         left = self._without_references(held, forces)
@@ -183,12 +204,10 @@ class Equations:
         kinds: dict[Any, list[list[int]]] = {}
         for terms in left:
             moved = [(held[dof], -value) for dof, value in terms.items() if dof in held]
-            moved = [(rows, value) for rows, value in moved if any(at for _, at in rows)]
-            if len({rows for rows, _ in moved}) > 1:
-                raise ValueError(f"{self._of.deck.path}: *EQUATION: constants with different courses in time")
-            factor = sum(value for _, value in moved)
+            times = sorted({time for rows, _ in moved for time, at in rows if any(at for _, at in rows)})
+            constant = tuple((time, sum(value * value_at(rows, time) for rows, value in moved)) for time in times)
             kind = tuple(("xyz"[dof - 1], value) for (node, dof), value in terms.items() if (node, dof) not in held)
-            key = kind, (moved[0][0], factor) if factor else None
+            key = kind, constant if any(at for _, at in constant) else None
             kinds.setdefault(key, []).append([node for node, dof in terms if (node, dof) not in held])
         found: dict[str, list[dict[str, Any]]] = {}
         for (kind, moved_by), rows_of_nodes in kinds.items():
@@ -198,7 +217,7 @@ class Equations:
             ]
             table: dict[str, Any] = {"terms": terms_of}
             if moved_by is not None:
-                self._of.timed(table, "constant", tuple((time, moved_by[1] * value) for time, value in moved_by[0]))
+                self._of.timed(table, "constant", moved_by)
             found.setdefault("equation", []).append(table)
         for (node, dof), given in forces.items():
             for rows, factor in given:
@@ -240,6 +259,8 @@ class Equations:
                 for key, value in rest.items():
                     if key not in held:
                         forces.setdefault(key, []).append((rows, -factor * value / own))
+        for group in self._means:
+            _reduce([left[k] for k in group], held)
         return [_displacement_first(terms, held) for terms in left if terms.keys() - held.keys()]
 
     @cached_property
@@ -256,6 +277,27 @@ class Equations:
         return {
             node: name for name, elements in self._of.bodies.items() for node in as_list(self._of.nodes_of(elements))
         }
+
+
+def _reduce(rows: list[_Terms], held: dict[Dof, Rows]) -> None:
+    """Let equations of the same displacements each have one that the others have not, its first."""
+    for own in rows:
+        free = own.keys() - held.keys()
+        if not free:
+            continue
+        pivot = max(sorted(free), key=lambda dof: abs(own[dof]))
+        for other in rows:
+            share = other.pop(pivot, 0.0) / own[pivot] if other is not own else 0.0
+            for dof, value in own.items() if share else ():
+                if dof != pivot:
+                    other[dof] = other.get(dof, 0.0) - share * value
+        terms = {pivot: own.pop(pivot)} | own
+        own.clear()
+        own.update(terms)
+    for own in rows:
+        size = max(map(abs, own.values()), default=0.0)
+        for dof in [dof for dof, value in own.items() if abs(value) <= _NOTHING * size]:
+            del own[dof]
 
 
 def _displacement_first(terms: _Terms, held: dict[Dof, Rows]) -> _Terms:

@@ -5,6 +5,7 @@ import pytest
 from test_deck_tables import CUBES, STEP, tables_of
 
 from coulomb.case.case import read_case
+from coulomb.decks.equations import _reduce
 
 REFERENCE = CUBES.replace("*ELEMENT", "101, .5, .5, 2\n*ELEMENT", 1)
 TIED = "".join(f"*EQUATION\n2\n{node}, 3, 1., 101, 3, -1.\n" for node in (15, 16, 17, 18))
@@ -39,6 +40,16 @@ def test_a_reference_node_that_is_moved(tmp_path):
     tables = tables_of(tmp_path, moved + STEP.format("*BOUNDARY\n101, 3, 3, -.003")).tables
     assert tables["equation"][0]["constant"] == -0.003
     assert np.allclose(tables["equation"][0]["amplitude"], [[0.0, 0.0], [1.0, 1.0 / 3.0], [2.0, 1.0]])
+
+
+def test_reference_nodes_that_are_moved_one_after_the_other(tmp_path):
+    """The constant of an equation follows both; it was refused."""
+    both = REFERENCE.replace("101, .5, .5, 2", "101, .5, .5, 2\n102, .5, .5, 3")
+    both += "".join(f"*EQUATION\n3\n{node}, 3, 1., 101, 3, -1., 102, 3, -2.\n" for node in (15, 16, 17, 18))
+    steps = ("*BOUNDARY\n101, 3, 3, -.001\n102, 3, 3, 0.", "*BOUNDARY\n102, 3, 3, -.001")
+    (equation,) = displacement(tmp_path, both + "".join(map(STEP.format, steps)))[0]["equation"]
+    assert equation["constant"] == -0.003
+    assert np.allclose(equation["amplitude"], [[0.0, 0.0], [1.0, 1.0 / 3.0], [2.0, 1.0]])
 
 
 def test_equations_in_frames_of_their_own(tmp_path):
@@ -177,3 +188,34 @@ def test_nodes_that_are_coupled_without_a_surface(tmp_path):
     for lines in ("top, 1, 3", "top", "15, 1, 2\n15, 3\n16, 1, 6\n17, 1, 3\n18, 1, 3"):
         own = displacement(tmp_path, f"{free}*KINEMATIC COUPLING, REF NODE=101\n{lines}\n{load}")
         assert np.allclose(own[2], right[2], rtol=0.0, atol=1e-7 * np.abs(right[2]).max())
+
+
+def test_the_reference_node_of_a_distributing_coupling_is_moved(tmp_path):
+    """Abaqus: by the mean motion of a pressed, pushed and tilted lid, without the loads: all else is as under these."""
+    free = REFERENCE.replace("top, 1, 2\n", "").replace("101, .5, .5, 2", "101, .25, .5, 2.5")
+    lid = "*SURFACE, NAME=lid\n2, S2\n*COUPLING, REF NODE=101, SURFACE=lid, CONSTRAINT NAME=c\n*DISTRIBUTING\n1, 6\n"
+    load = "*CLOAD\n101, 3, -10.\n101, 1, 1.\n101, 6, .02\n101, 5, -4.\n"
+    _, x, right, totals = displacement(tmp_path, free + lid + STEP.format(load))
+    on = x[:, 2] == 2.0
+    r, u = x[on] - [0.5, 0.5, 2.0], right[on]
+    inertia = np.sum(r * r) * np.eye(3) - r.T @ r
+    theta = np.linalg.solve(inertia, np.cross(r, u).sum(axis=0))
+    mean = u.mean(axis=0) + np.cross(theta, [-0.25, 0.0, 0.5])
+    held = "".join(f"101, {k}, {k}, {value:.17g}\n" for k, value in enumerate([*mean, *theta], 1))
+    for lines, loaded in ((held, ""), (held.replace("101, 5, 5", "base, 5, 5"), "*CLOAD\n101, 5, -4.\n")):
+        moved = free + lid + STEP.format(f"*BOUNDARY\n{lines}{loaded}")
+        tables, _, own, forces = displacement(tmp_path, moved)
+        assert "point_load" not in tables
+        assert np.allclose(own, right, rtol=0.0, atol=1e-7 * np.abs(right).max())
+        assert np.allclose(forces["force"], totals["force"], rtol=0.0, atol=1e-5)
+    line = moved.replace("*SURFACE, NAME=lid\n2, S2", "*SURFACE, NAME=lid, TYPE=NODE\n15\n16")
+    with pytest.raises(ValueError, match=r"line \d+: \*COUPLING: nodes on a line have no mean rotation"):
+        tables_of(tmp_path, line)
+
+
+def test_equations_of_the_same_displacements_have_each_one_of_their_own():
+    """And no term that is a rounding error, which a case refuses: meshes of several facets had some."""
+    a, b, c, held = (1, 1), (2, 1), (3, 1), (9, 1)
+    rows = [{a: 1.0, b: 1.0 / 3.0, held: 2.0}, {a: 3.0, b: 1.0 + 2e-16, c: 1.0}]
+    _reduce(rows, {held: ((0.0, 1.0),)})
+    assert rows == [{a: 1.0, b: 1.0 / 3.0, held: 2.0}, {c: 1.0, held: -6.0}] and next(iter(rows[1])) == c
