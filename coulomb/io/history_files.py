@@ -24,6 +24,7 @@ from mpi4py import MPI
 from ..arrays import BoolArray, FloatArray, IntArray
 from ..fem.bodies import TEMPERATURE, SingleBody
 from ..fem.geometry import on_all_ranks
+from ..linalg.reductions import Reductions
 from ..model.load_step import LoadStep
 from ..model.nodal_answer import ACCUMULATED, Accumulated
 from ..model.problem import ContactProblem
@@ -317,9 +318,7 @@ def points_in_files(step: RunDirectory, problem: ContactProblem) -> tuple[Points
     with _offering_whole_steps(step.path):
         groups = _groups(step.solution, [member.name for member in members], comm)
         for member in members:
-            x = member.body.reference
-            ends = np.array([x.min(axis=0), -x.max(axis=0)]) if len(x) else np.full((2, 3), np.inf)
-            near = 1e-9 * float(np.max(-np.min(comm.allgather(ends), axis=0).sum(axis=0)))
+            near = 1e-9 * float(np.max(Reductions(comm).extent(member.body.reference)))
             one = partial(numbers, groups[member.name], member.body, near)
             found.append((member.name, on_all_ranks(one, str(data_of(step.solution)), comm), True))
     (nodes, part), itself = problem.points_of_states, () if problem.large is None else problem.large.itself

@@ -25,7 +25,7 @@ def near(answer: DiscreteProblem, problem: DiscreteProblem) -> DiscreteProblem:
     unknowns = [of.elasticity.reduction.points.shape for of in (answer, problem)]
     if over.any(x.shape != there.shape or unknowns[0] != unknowns[1]):
         raise ValueError("between: the problem has other nodes than that of the answer")
-    size, apart = max(over.max(axis) - over.min(axis) for axis in x.T), over.max(np.abs(there - x).ravel())
+    size, apart = float(np.max(over.extent(x))), over.max(np.abs(there - x).ravel())
     if apart > _NEAR * size:
         raise ValueError(
             f"between: nodes are up to {apart:g} m from those of the answer: they are numbered otherwise, or the "

@@ -193,7 +193,7 @@ class Linearised(DiscreteProblem):
         touching = (e.force[:, 0] == 0.0) & (np.abs(e.gap - way[:, 0]) <= error)
         way[touching, 0] = e.gap[touching]
         load, rigid = balanced_load(body, residual, over), rigid_part(body, here, over)
-        extent = max(over.max(axis) - over.min(axis) for axis in body.x.T)  # grad u is added to 1
+        extent = float(np.max(over.extent(body.x)))  # grad u is added to 1
         return replace(
             e,
             displacement=here + du - rigid,

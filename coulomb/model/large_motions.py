@@ -420,7 +420,7 @@ class LoadStepLoop:
         u = here.u + du
         ratios = [nonlinear(one.body).least_volume_ratio(u[one.nodes]) for one in self.elasticity.members]
         over = Reductions(self.comm)
-        extent = max(over.max(axis) - over.min(axis) for axis in self.elasticity.reference.T)
+        extent = float(np.max(over.extent(self.elasticity.reference)))
         if not np.min(ratios) > 0.0 or over.max(np.abs(u).ravel()) > _FAR * extent:
             return None
         return self._iterate(state, u, here.time, start, poses, previous=here.u)

@@ -296,7 +296,7 @@ def _turned(
         moment = more.moment + arm.moment - np.cross(way[:3], now.force) - np.cross(point, more.force)
         entry = {"translation": way[:3], "rotation": way[3:], "force": more.force, "moment": moment}
         found["rigid_faces"][motion.given.face] = entry
-    size, extent = over.max(np.abs(du).ravel()), max(over.max(axis) - over.min(axis) for axis in x.T)
+    size, extent = over.max(np.abs(du).ravel()), float(np.max(over.extent(x)))
     h = _DIFFERENCE * extent / (size or 1.0)
     tied = each[len(constraints.motions) :]
     found["ties"] = {now.name: {"force": more.force, "moment": more.moment + arm.moment} for now, more, arm in tied}

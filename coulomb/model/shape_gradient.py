@@ -66,7 +66,7 @@ def contact_along_places(answer: DiscreteProblem, values: Callable[[ContactState
             mean of both sides is not linear.
     """
     over, body, surface = Reductions(answer.comm), answer.elasticity, answer.surface
-    extent = max(over.max(axis) - over.min(axis) for axis in body.x.T)
+    extent = float(np.max(over.extent(body.x)))
     h = max(_STEP * float(np.sqrt(-over.max(-surface.area))), _LEAST * extent)
     first, total = body.numbering.first, body.numbering.total
 

@@ -47,7 +47,7 @@ class TransposedTerms:
     def __init__(self, problem: DiscreteProblem, x: FloatArray, along: Callable[[FloatArray], Terms]):
         body, over = problem.elasticity, Reductions(problem.comm)
         self._over, self._along, self._body = over, along, body
-        extent = max(over.max(axis) - over.min(axis) for axis in body.x.T)
+        extent = float(np.max(over.extent(body.x)))
         force = over.max(np.abs(x)) / extent
         beside = nodes_beside(problem, [(one, boundary_facets(one.body.domain)) for one in body.members])
         points = nodes_of_points(problem)

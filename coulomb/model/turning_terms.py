@@ -69,7 +69,7 @@ class TurningTerms:
         size = over.max(np.abs(v).ravel())
         if not constraints.bolts or size == 0.0:
             return np.zeros_like(v)
-        extent = max(over.max(axis) - over.min(axis) for axis in x.T)
+        extent = float(np.max(over.extent(x)))
         h, u = _STEP * extent / size, x - body.reference
         bolts = np.zeros(reduction.width)
         bolts[[own for _, own in constraints.of_bolts]] = 1.0
