@@ -118,6 +118,38 @@ class ContactPreconditioner:
         return (self._N_inverse.transpose(0, 2, 1) @ z).reshape(r.shape)
 
 
+class SprungInverse:
+    """N = (P + Q d)^-1, node by node: the equations of contact with d in place of A (`CoupledKrylov`).
+
+    Args:
+        d: What a body gives way around a point, in the unit of A, shape (m,).
+    """
+
+    def __init__(self, d: FloatArray):
+        self._d = d
+
+    def move(self, at: ContactDerivative) -> None:
+        """To a point: the equations and their derivative there."""
+        self._N: FloatArray = np.linalg.inv(at.P + self._d[:, None, None] * at.Q)
+
+    def springs(self, at: ContactDerivative) -> FloatArray:
+        """N Q at this point, symmetric and without negative eigenvalues, shape (m, 3, 3): pressure alone acts along the
+        normal."""
+        NQ = self._N @ at.Q
+        NQ[:, 1:, 0] = NQ[:, 0, 1:] = 0.0
+        size, V = np.linalg.eigh(0.5 * (NQ + NQ.transpose(0, 2, 1)))
+        springs: FloatArray = (V * np.maximum(size, 0.0)[:, None, :]) @ V.transpose(0, 2, 1)
+        return springs
+
+    def __call__(self, r: FloatArray) -> FloatArray:
+        """N r of r (m, 3) or (m, 3, columns)."""
+        return (self._N @ r.reshape(*r.shape[:2], -1)).reshape(r.shape)
+
+    def transposed(self, r: FloatArray) -> FloatArray:
+        """N^T r likewise."""
+        return (self._N.transpose(0, 2, 1) @ r.reshape(*r.shape[:2], -1)).reshape(r.shape)
+
+
 class FormedInverse:
     """M^-1 with A as a matrix, nearly, in place of its approximation, on one rank: for few contact points, and for the
     many right-hand sides of derivatives.

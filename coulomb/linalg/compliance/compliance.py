@@ -16,7 +16,7 @@ from ..solve_errors import CGNotConverged, TooSlow
 from ..uncoupled import parts_of
 from .coupled import Elimination
 from .low_rank import RecycledColumns, turned_diagonal
-from .stiffness import SoftMotions, StiffnessSolver
+from .stiffness import IterativeSolver, SoftMotions, StiffnessSolver
 
 _DISPLACED: Final = 1e-8
 """Accuracy of a displacement, relative to all forces: products by K in it have rounding errors that are not much
@@ -412,10 +412,19 @@ class MatrixFreeCompliance(LimitedProducts):
     def formed(self) -> None:
         """None: there is no A."""
 
-    def elimination(self) -> Elimination:
-        """K^-1 by a V-cycle."""
+    @property
+    def stiffened(self) -> bool:
+        """Whether `elimination` may have springs: where bodies are held without soft ones, by multigrid."""
+        return self._soft is None and not self.factorised
 
-        found: list[FloatArray] = []
+    @property
+    def local(self) -> FloatArray:
+        """diag(B diag(K)^-1 B^T), the order of what the body gives way around a point, metres per newton, (m, 3)."""
+        return _of_diagonal(self.B, self.K)
+
+    def elimination(self, springs: FloatArray | None = None) -> Elimination:
+        """K^-1 by a V-cycle; with springs (m, 3, 3) of contact points, newtons per metre, of K + B^T springs B."""
+        solver, found = self._solver if springs is None else self._with(springs), list[FloatArray]()
 
         def begin(forces: FloatArray) -> FloatArray:
             found[:] = map(cycle, forces)
@@ -423,13 +432,30 @@ class MatrixFreeCompliance(LimitedProducts):
 
         def cycle(f: FloatArray) -> FloatArray:
             self._rhs.array[:] = f
-            self._solver.approximate(self._rhs, self._u)
+            solver.approximate(self._rhs, self._u)
             return self._u.array_r.copy()
 
         def end(_: FloatArray) -> FloatArray:  # what contact forces leave over is for the next application
             return np.array(found)
 
-        return Elimination(self._solver, self.B, begin, end)
+        return Elimination(self._solver, self.B, begin, end, springs is not None)
+
+    def _with(self, springs: FloatArray) -> IterativeSolver:
+        """Multigrid of K + B^T springs B; collective."""
+        sizes, first, each = self.B.getSizes()[0], self.B.getOwnershipRange()[0], np.arange(3 * self.nodes)
+        columns = np.broadcast_to((first + each).reshape(-1, 1, 3), springs.shape)
+        pattern = (of.astype(PETSc.IntType) for of in (np.arange(0, springs.size + 1, 3), columns.ravel()))
+        of_points = PETSc.Mat().createAIJ((sizes, sizes), csr=(*pattern, springs.ravel()), comm=self.B.comm)
+        added, stiffened = of_points.PtAP(self.B), self.K.copy()
+        stiffened.axpy(1.0, added)
+        stiffened.setNearNullSpace(self.K.getNearNullSpace())
+        interpolation = self.K.getAttr("interpolation")
+        if interpolation is not None:
+            stiffened.setAttr("interpolation", interpolation)
+        solver = IterativeSolver(stiffened)
+        for done in (of_points, added, stiffened):
+            done.destroy()
+        return solver
 
     def rotated(self, B: PETSc.Mat, turn: FloatArray) -> MatrixFreeCompliance:
         rest: FloatArray = np.einsum("iab,ib->ia", turn**2, self._elastic.rest.reshape(-1, 3)).ravel()

@@ -7,8 +7,14 @@ With contact forces X z, and w = -B u/a - G^T alpha, the equations are
 and A of the equations of contact is what is left as u is eliminated.  Each iteration takes one product by K and one
 application of an approximation of K^-1, factors in single precision or a few V-cycles: block elimination with it is the
 preconditioner.  With factors it gains their digits, three to five, in each iteration, for all right-hand sides in one
-pass through them; by multigrid it takes a fifth of the V-cycles of as accurate products by A.  What is known of A
-limits these: on the block of 41 616 unknowns 47 to 54 iterations with what path following has learnt, 26 with all of A.
+pass through them.
+
+By multigrid K has springs besides, which stand for the contact that P and Y describe: with A replaced by d at every
+node, z = N (g + Y B u/a), N = (P + Y d X)^-1, and u is a V-cycle of K + B^T X N Y B/a.  What the body gives way around
+a point is about d, and where many points move together its stiffness is small beside that of springs: so this needs to
+know nothing of A (M. Benzi, G. H. Golub, J. Liesen: Numerical solution of saddle point problems, Acta Numerica 14,
+2005, on augmented Lagrangians).  On the block of 41 616 unknowns it takes 20 to 25 iterations; without springs 26 with
+all of A in N, and 45 to 52 with what path following has learnt of it.  Bodies that contact or soft springs hold need A.
 """
 
 from __future__ import annotations
@@ -49,6 +55,7 @@ class Elimination:
         B: The rows of the contact points.
         begin: B u of the displacement u under forces f, nearly.
         end: That u, under these and the contact forces x, nearly.
+        sprung: Whether both are those of K with springs, with those contact forces among f that are without u.
     """
 
     def __init__(
@@ -57,8 +64,9 @@ class Elimination:
         B: PETSc.Mat,
         begin: Callable[[FloatArray], FloatArray],
         end: Callable[[FloatArray], FloatArray],
+        sprung: bool = False,
     ):
-        self._solver, self._B, self.begin, self.end = solver, B, begin, end
+        self._solver, self._B, self.begin, self.end, self.sprung = solver, B, begin, end, sprung
         self._u, self._x = B.createVecs()
         self._forces = self._u.duplicate()
         self.size: int = self._u.getLocalSize()
@@ -68,6 +76,12 @@ class Elimination:
         self._u.array[:], self._x.array[:] = u, x
         self._solver.multiply(self._u, self._forces)
         self._B.multTransposeAdd(self._x, self._forces, self._forces)
+        return self._forces.array_r.copy()
+
+    def forces(self, x: FloatArray) -> FloatArray:
+        """B^T x."""
+        self._x.array[:] = x
+        self._B.multTranspose(self._x, self._forces)
         return self._forces.array_r.copy()
 
     def rows(self, u: FloatArray) -> FloatArray:
@@ -86,7 +100,7 @@ class CoupledKrylov:
         constraints: G; its resultant is G X z.
         forces: z -> X z, shapes (m, 3).
         equations: (z, w) -> P z + Y w, shapes (m, 3).
-        inverse: (r (m, 3, c), r3 (q, c)) -> z and alpha of [P + Y A X/a, -Y G^T; G X, 0], nearly.
+        inverse: (r (m, 3, c), r3 (q, c)) -> z and alpha of [P + Y A X/a, -Y G^T; G X, 0], nearly; with springs N r.
         rows: Weights of the equations of the contact points, shape (m, 3),
         weight: and of those of displacements.
     """
@@ -167,7 +181,11 @@ class CoupledKrylov:
     def _preconditioned(self, v: FloatArray) -> FloatArray:
         """Of right-hand sides (c, ...)."""
         f, g, e = self._parts(v)
-        w = -self._body.begin(f / self._weight).reshape(g.shape) / self._a
+        f = f / self._weight
+        if self._body.sprung:
+            z, _ = self._inverse(np.moveaxis(g / self._rows, 0, -1), e.T)
+            f -= [self._body.forces(self._forces(one).ravel()) for one in np.moveaxis(z, -1, 0)]
+        w = -self._body.begin(f).reshape(g.shape) / self._a
         left = [of / self._rows - self._equations(np.zeros_like(of), at) for of, at in zip(g, w, strict=True)]
         z, alpha = self._inverse(np.stack(left, axis=-1), e.T)
         z = z.transpose(2, 0, 1)

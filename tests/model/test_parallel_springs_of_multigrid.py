@@ -1,0 +1,73 @@
+"""Derivatives by multigrid of K with springs in place of contact, on any number of ranks: against factors, and how many
+V-cycles they take."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import coulomb
+from coulomb.linalg.compliance import DirectSolver, IterativeSolver
+from coulomb.linalg.compliance.coupled import CoupledKrylov
+
+COMM = MPI.COMM_WORLD
+
+
+def pair(solver, hard=1.0, degree=1):
+    """A block on another, clamped at the back, pressed and drawn."""
+    lower = coulomb.box((1.0, 1.0, 0.5), (5, 4, 3), degree=degree)
+    upper = coulomb.moved(coulomb.box((0.8, 0.8, 0.4), (4, 3, 2), degree=degree), (0.1, 0.1, 0.5))
+    return coulomb.ContactProblem(
+        coulomb.join(lower=lower, upper=upper),
+        {"lower": coulomb.Material(2e9, 0.3), "upper": coulomb.Material(2e9 * hard, 0.3)},
+        [coulomb.Clamp("lower:bottom"), coulomb.Clamp("upper:back")],
+        coulomb.Contact("upper:bottom", against="lower:top", friction=0.3),
+        [coulomb.Traction("upper:top", (1e5, 0.0, -1e6))],
+        small_strain="warn",
+        linear_solver=solver,
+    )
+
+
+def sheet(solver):
+    """A hundred times as long as it is thick: it bends 1e4 times as easily as it stretches."""
+    return coulomb.ContactProblem(
+        coulomb.box((10.0, 1.0, 0.1), (20, 2, 1)),
+        coulomb.Material(2e11, 0.3),
+        [coulomb.Clamp("left")],
+        coulomb.Contact("bottom", friction=0.3),
+        [coulomb.Traction("top", (0.0, 1e4, -1e5))],
+        linear_solver=solver,
+    )
+
+
+POSED = {
+    "alike": (pair, 1e-10, 30),
+    "1e3 times as hard": (lambda solver: pair(solver, 1e3), 1e-10, 30),
+}
+if COMM.size == 1:
+    POSED |= {"second order": (lambda solver: pair(solver, degree=2), 1e-10, 40), "sheet": (sheet, 1e-8, 30)}
+
+
+@pytest.mark.parametrize("name", POSED)
+def test_as_by_factors_in_few_cycles(name, monkeypatch):
+    """Forward and adjoint; without springs the sheet is refused as singular after 1000 cycles a system."""
+    cycles, applied, totals, (posed, tolerance, most) = [], CoupledKrylov._preconditioned, [], POSED[name]
+
+    def counted(self, v):
+        cycles.append(self._body.sprung)
+        return applied(self, v)
+
+    monkeypatch.setattr(CoupledKrylov, "_preconditioned", counted)
+    for solver in (DirectSolver, IterativeSolver):
+        answer = posed(solver).solve(tolerance)
+        cycles.clear()
+        found = answer.sensitivities()
+        assert cycles and all(sprung == (solver is IterativeSolver) for sprung in cycles)
+        assert len(cycles) <= most * len(found)
+        totals.append([next(iter(one.totals.values()))["force"] for one in found])
+        height = answer.displacement * [0.0, 0.0, 1.0]
+        gradient, friction = answer.gradient(displacement=height), found[0]
+        assert friction.name.startswith("friction")
+        along = COMM.allreduce(float(np.vdot(height, friction.displacement)))
+        owed = COMM.allreduce(0.3 * float(np.sum(gradient.friction)))
+        assert along == pytest.approx(owed, rel=1e-7)
+    assert np.allclose(*totals, rtol=0.0, atol=1e4 * tolerance * np.max(np.abs(totals)))
