@@ -108,7 +108,7 @@ class Automatic(SolverSettings):
         return replace(result, newton_steps=made + result.newton_steps)
 
     def _followed(self, problem: FrictionProblem, task: Task) -> SolverResult:
-        goal, start, gradient, progress = task
+        (goal, start, gradient, progress), over = task, problem.reductions
         first = replace(self.interior_point or InteriorPoint(finish=FINISH), tolerance=goal.tolerance)
         second = replace(self.successive_tresca or SuccessiveTresca(), tolerance=goal.tolerance)
         steps = 0
@@ -117,19 +117,21 @@ class Automatic(SolverSettings):
             return replace(result, products=0, method=f"{self.name}: {method}")  # products by A are counted together
 
         alpha = open_motion(problem)
-        if alpha is not None:
-            none, open_goal = Answer(np.zeros_like(problem.b), -problem.b, alpha), Goal(goal.tolerance, problem.accept)
-            result = result_of(problem, open_goal, none, np.zeros((problem.A.nodes, 2)), None, ())
-            if result.status is Status.CONVERGED:
-                return called(result, "no forces")
-        if start is not None and problem.rigid is not None and not problem.reductions.any(bool(np.any(start))):
+        if start is not None and problem.rigid is not None and not over.any(bool(np.any(start))):
             start = None  # without forces nothing says where rigid motions end
         if start is not None:
             near = SemismoothNewton(goal.tolerance)
             result = outcome(lambda: near.solve(problem, start, progress=progress))
-            if result.status in (Status.CONVERGED, Status.INTERRUPTED):
+            # Without forces a wedge that friction holds would be in equilibrium, too: a jump from the step before
+            left = alpha is None or over.max(np.abs(result.x)) > _LEFT * over.max(np.abs(start))
+            if result.status is Status.INTERRUPTED or (result.status is Status.CONVERGED and left):
                 return called(result, near.name)
             steps, start = result.newton_steps, np.atleast_2d(start)[0]
+        if alpha is not None:
+            none, open_goal = Answer(np.zeros_like(problem.b), -problem.b, alpha), Goal(goal.tolerance, problem.accept)
+            result = result_of(problem, open_goal, none, np.zeros((problem.A.nodes, 2)), None, ())
+            if result.status is Status.CONVERGED:
+                return called(replace(result, newton_steps=steps), "no forces")
         one = outcome(lambda: first.solve(problem, start, gradient=gradient, progress=progress))
         one = replace(one, newton_steps=steps + one.newton_steps)
         reached = one.residual <= max(goal.tolerance, _ROUNDING)
@@ -222,6 +224,9 @@ _BALANCED: Final = 1e-12
 
 _OPEN: Final = 1e-9
 """Gap that is left open, over the largest |b|."""
+
+_LEFT: Final = 1e-3
+"""Forces that friction keeps without loads, over those of the start; smaller ones are rounding errors."""
 
 
 def open_motion(problem: FrictionProblem) -> FloatArray | None:

@@ -132,7 +132,10 @@ class InteriorPoint(SolverSettings):
 
     def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
         balanced_forces(problem, self.name)
-        result = smallest_force(problem, task.goal) or _Path(self, problem, task).follow()
+        least, start = smallest_force(problem, task.goal), task.start
+        pressed = problem.rigid is not None and start is not None and problem.reductions.any(bool(np.any(start)))
+        result = least if least and not pressed else _Path(self, problem, task).follow()
+        result = least if least and result.status not in (Status.CONVERGED, Status.INTERRUPTED) else result
         residuals = ", ".join(f"{step.residual:.1e}" for step in result.history[-3:])
         message = (
             f"the interior-point method ended with a residual of {result.residual:.1e} after {result.newton_steps} "

@@ -11,12 +11,14 @@ from coulomb import (
     Contact,
     ContactProblem,
     InteriorPoint,
+    LoadHistory,
     Material,
     NotConverged,
     Plane,
     RigidFace,
     SuccessiveTresca,
     Tied,
+    TotalForce,
     Traction,
     box,
     join,
@@ -296,3 +298,27 @@ def test_a_body_that_slides_out_between_walls_is_no_answer(follows):
     )
     with pytest.raises(NotConverged, match=r"loads push .*, of which contact holds"):  # along -z, or turned by rounding
         problem.solve()
+
+
+@pytest.mark.parametrize("solver", [None, InteriorPoint()], ids=["auto", "interior point"])
+@pytest.mark.parametrize(("friction", "left"), [(0.3, True), (0.1, False)])
+def test_a_wedge_stays_where_friction_holds_it_without_loads(friction, left, solver):
+    """Between walls at 12 degrees, as a taper: the force that drove it in is taken away, and T = N tan(12 deg) remains
+    if that is within the law of friction, as just before; no forces at all would also be in equilibrium."""
+    angle = np.radians(12.0)
+
+    def way(x):
+        return np.stack([(x[0] / 0.1 - 1.0) * np.tan(angle) * x[2], 0.0 * x[1], 0.0 * x[2]])
+
+    walls = [
+        Contact(face, friction, foundation=Plane((x, 0.0, 0.0), (side * np.cos(angle), 0.0, np.sin(angle))))
+        for face, x, side in (("left", 0.0, 1.0), ("right", 0.2, -1.0))
+    ]
+    drive = TotalForce("top", (0.0, 0.0, -1e5), [(0.0, 0.0), (1.0, 1.0), (2.0, 0.0)])
+    problem = ContactProblem(moved(box((0.2, 0.1, 0.1), (4, 1, 2)), way), Material(2.1e11, 0.3), [], walls, [drive])
+    before, after = [step.solution for step in LoadHistory([1.0, 2.0 - 1e-6, 2.0], solver=solver).steps(problem)][1:]
+    assert before.valid and after.valid
+    for face in ("left", "right"):
+        normal, sliding = (after.forces[face][name] for name in ("normal_force", "friction_force"))
+        assert normal == pytest.approx(before.forces[face]["normal_force"] if left else 0.0, rel=1e-5, abs=1e-6)
+        assert np.linalg.norm(sliding) == pytest.approx(normal * np.tan(angle), rel=1e-6, abs=1e-6)
