@@ -144,9 +144,10 @@ class LoadStepLoop:
         except (CGNotConverged, NotPositiveDefinite, Refused, NotConverged) as failure:
             linearised(self.elasticity, state.displacement, state.time)  # the user's functions are of that state
             result = failure.result if isinstance(failure, NotConverged) else _without_answer(count)
-            if result.status is Status.INTERRUPTED or isinstance(failure, StepCut):
+            if result.status is Status.INTERRUPTED:
                 raise
-            raise StepCut(str(failure), result) from failure
+            sliding_off = self.shared.sliding_off(state, self._begun(state))
+            raise StepCut(f"{sliding_off}{failure}", result) from failure
         warnings = answer.small_strain.warnings
         for text in warnings if self.comm.rank == 0 else ():
             _log.warning("at %g s: %s", self.time, text)

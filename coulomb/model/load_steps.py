@@ -22,6 +22,7 @@ from .contact_body import ContactBody
 from .contact_faces import StatePoints
 from .iterate import Iterate, Linearised
 from .provenance import now, timed
+from .state import State
 
 _log = logging.getLogger(__name__)
 
@@ -40,6 +41,13 @@ _TURN: Final = np.array([0.05, 0.1, 0.15])
 
 _OBJECTIVE: Final = 1e-6
 """Energy of this rotation over that of the shears up to which it is a rounding error."""
+
+
+_NARROW: Final = 0.1
+"""Width of the pressing part of a face over that of all that has pressed below which it is a line."""
+
+_SLIDES: Final = 1e-3
+"""Slip in a load step over this width from which a face slides."""
 
 
 class LoadSteps:
@@ -177,6 +185,29 @@ class LoadSteps:
         found = np.concatenate([end.body.x[nodes[far & pressing[nodes]]], inside])
         return sorted(tuple(map(float, place)) for places in self.elasticity.comm.allgather(found) for place in places)
 
+    def sliding_off(self, state: State, begin: Iterate) -> str:
+        """Which contacts slide off what they press on at a state, in words; "" if none does: they have pressed on an
+        area, and slide on what is a line; `begin` is the iterate there; collective."""
+        if state.before is None:
+            return ""
+        over, said, x = Reductions(self.elasticity.comm), "", begin.body.x[self.points.nodes]
+        force, slip = np.linalg.norm(state.force_on_body, axis=1), state.slip_rate * (state.time - state.before.time)
+        for number, (contact, foundation) in enumerate(zip(self.contacts, begin.foundations, strict=True)):
+            here = self.points.part == number
+            pressing, pressed = np.where(here, force, 0.0), here & (state.accumulated.pressure > 0.0)
+            if over.all(not np.any(pressing)):
+                continue
+            (place, narrow), (_, wide) = (_spread(x, weights, over) for weights in (pressing, pressed.astype(float)))
+            slid = over.max(slip[pressing > 0.0])
+            if narrow < _NARROW * wide and slid > _SLIDES * wide:
+                what = "its foundation" if foundation is not None else repr(contact.against)
+                said += (
+                    f"{contact.face!r} slides off {what}, beyond which nothing may hold it: at the start of the step, "
+                    f"after a slip of {amount(slid)} in the one before, it presses along a line alone, by "
+                    f"x = ({in_words(tuple(map(float, place)))}) m; "
+                )
+        return said
+
     def damps(self) -> bool:
         """Whether a failed step is worth another attempt with damping, which is set: not if it was damped already, or
         no tangent has been other than positive definite."""
@@ -253,3 +284,12 @@ class LoadSteps:
         with timed(there.seconds, "assembly"):
             state = there.state(time, poses=poses)
         return Linearised(there, state, "enforce", now(), there.seconds)
+
+
+def _spread(x: FloatArray, weights: FloatArray, over: Reductions) -> tuple[FloatArray, float]:
+    """The centre (3,) of points x (k, 3) with weights (k,), and their width, twice the root of the second of their
+    principal moments, metres; collective."""
+    whole = over.sum(weights)
+    centre = over.total(weights @ x) / whole
+    moments = over.total(((x - centre) * weights[:, None]).T @ (x - centre)) / whole
+    return centre, 2.0 * float(np.sqrt(np.maximum(np.linalg.eigvalsh(moments)[1], 0.0)))

@@ -14,8 +14,10 @@ from coulomb import (
     PrescribedDisplacement,
     Pressure,
     Rotation,
+    SignedDistance,
     Spring,
     StepFailed,
+    TotalForce,
     box,
     join,
     moved,
@@ -49,6 +51,51 @@ def test_jaws_lift_an_object():
         assert totals["force"][1:] == pytest.approx([0.0, 0.5 * weight], abs=1e-6 * weight)
         assert totals["normal_force"] * friction >= 0.5 * weight
     assert lifted.displacement - held.displacement == pytest.approx(np.tile([0.0, 0.0, raised], (27, 1)), abs=1e-9)
+
+
+def test_jaws_grip_turn_and_put_down_an_object():
+    """Gripped beside the middle of its face, lifted, turned by 90 degrees, and let go on a table: jaws bear its weight,
+    with its moment about their axis, the table in the end; there it stays."""
+    weight, axis, down = 8.0, np.array([0.05, 0.03, 0.15]), (0.0, 0.0, -1.0)
+
+    def jaw(side):
+        closed = [0.0, 0.002, 0.002, -0.02]
+        return lambda time: (
+            side * np.interp(time, [0.0, 1.0, 6.0, 7.0], closed),
+            0.0,
+            np.interp(time, [2.0, 3.0, 4.0, 5.0, 6.0], [0.0, 0.05, 0.05, -0.12, -0.1202]),
+        )
+
+    turn = Rotation(axis, (1.0, 0.0, 0.0), lambda time: np.interp(time, [3.0, 4.0], [0.0, 0.5 * np.pi]))
+    contacts = [
+        Contact("left", 0.5, foundation=Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), motion=jaw(1.0), rotation=turn),
+        Contact("right", 0.5, foundation=Plane((0.1, 0.0, 0.0), (-1.0, 0.0, 0.0)), motion=jaw(-1.0), rotation=turn),
+        Contact("front", 0.5, foundation=Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))),
+    ]
+    problem = ContactProblem(
+        moved(box((0.1, 0.1, 0.1), (2, 2, 2)), (0.0, 0.0, 0.1)),
+        RUBBER,
+        [],
+        contacts,
+        body_force=tuple(weight / 1e-3 * np.array(down)),
+        body_force_amplitude=[(0.0, 0.0), (1.0, 0.0), (2.0, 1.0)],
+        kinematics="large",
+    )
+    steps = list(LoadHistory([1.0, 2.0, 3.0, 3.5, 4.0, 5.0, 6.0, 7.0]).steps(problem))
+    assert all(step.solution.valid for step in steps)
+    for step, angle in zip(steps[1:5], (0.0, 0.0, 0.25 * np.pi, 0.5 * np.pi), strict=True):
+        answer, surface = step.solution, step.solution.problem.surface
+        for part in range(2):
+            assert answer.at_nodes.totals(part)["force"][1:] == pytest.approx([0.0, 0.5 * weight], abs=1e-6 * weight)
+        jaws = surface.part < 2
+        arms = surface.x[jaws] - axis - answer.problem.motions[0]
+        torque = np.cross(arms, answer.force_on_body[jaws]).sum(axis=0)[0]
+        assert torque == pytest.approx(0.02 * np.cos(angle) * weight, abs=1e-4 * 0.02 * weight)
+    put, let_go = (step.solution for step in steps[-2:])
+    assert let_go.at_nodes.totals(2)["force"] == pytest.approx([0.0, 0.0, weight], abs=1e-6 * weight)
+    assert let_go.at_nodes.totals(0)["normal_force"] == let_go.at_nodes.totals(1)["normal_force"] == 0.0
+    shift = (let_go.displacement - put.displacement).mean(axis=0)
+    assert np.abs(shift[:2]).max() < 1e-6
 
 
 @pytest.mark.parametrize("by", ["motion", "gap"])
@@ -119,3 +166,30 @@ def test_a_step_that_loses_all_contact_fails():
     assert next(steps).solution.valid
     with pytest.raises(StepFailed, match="the load step from 1 s to 2 s failed"):
         next(steps)
+
+
+@pytest.mark.parametrize("on", ["body", "foundation"])
+def test_a_step_that_fails_where_a_block_slides_off_says_so(on):
+    """A block, pressed down by its weight, is pushed over an edge at x = 0.04 by more than half of its length, beyond
+    which it tips over; the words were of a stiffness that is not positive definite, or of weights of pairs."""
+    block = moved(box((0.04, 0.04, 0.02), (4, 1, 1)), (0.0, 0.0, 0.02))
+    if on == "body":
+        mesh, of, what = (
+            join(up=block, low=moved(box((0.08, 0.06, 0.02), (3, 1, 1)), (-0.04, -0.01, 0.0))),
+            "up:",
+            "low:top",
+        )
+        supports, contact = [Clamp("low:bottom")], Contact("up:bottom", 0.3, against="low:top")
+    else:
+        mesh, of, what, supports = block, "", "its foundation", []
+        edge = SignedDistance(lambda x: np.maximum(x[2] - 0.02, x[0] - 0.04))
+        contact = Contact("bottom", 0.3, foundation=edge)
+    push = PrescribedDisplacement(f"{of}left", (0.06, 0.0, 0.0), "x", amplitude=[(1.0, 0.0), (2.0, 1.0)])
+    weight = TotalForce(f"{of}top", (0.0, 0.0, -2.0), amplitude=[(0.0, 0.0), (1.0, 1.0)])
+    supports += [push, Clamp(f"{of}left", "y")]
+    problem = ContactProblem(mesh, RUBBER, supports, contact, [weight], kinematics="large")
+    words = (
+        rf"failed.*: '{of}bottom' slides off '?{what}'?, .* along a line alone, by x = \(0\.0(3\d+|4), 0\.02, .*\) m; "
+    )
+    with pytest.raises(StepFailed, match=words):
+        list(LoadHistory([1.0, 1.2, 1.3, 1.5, 2.0], halvings=2).steps(problem))
