@@ -103,5 +103,5 @@ def measure(sizes: Iterable[int] = SIZES, names: Iterable[str] | None = None) ->
 def _with_estimated_diagonal(problem: ContactProblem) -> SchurCompliance:
     """The same A, with the estimated diagonal of a matrix-free A."""
     assert isinstance(problem.body.stiffness.solver, MultifrontalSolver)
-    diagonal = estimated_diagonal(problem.A, problem.surface.free_B, problem.elasticity.K).whole
+    diagonal = estimated_diagonal(problem.A, problem.surface.free_B, problem.elasticity.reduced.diagonal).whole
     return SchurCompliance(problem.surface.free_B, problem.body.stiffness.solver, diagonal)

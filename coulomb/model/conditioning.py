@@ -1,24 +1,30 @@
-"""Shape, materials and supports of bodies, on which the use of factors and multigrid depends."""
+"""Shape, materials and supports of bodies, on which the use of factors and multigrid depends, or why both fail."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, Final, cast
 
 import numpy as np
+from petsc4py import PETSc
 
 from ..arrays import FloatArray
+from ..fem import compat
 from ..fem.bodies import (
     Deformable,
+    SingleBody,
     by_group,
     component_modes,
-    diagonal_of,
     null_space,
     of_components,
 )
 from ..fem.geometry import of_place
 from ..fem.meshes import volume
 from ..linalg.compliance import SoftMotions
+from ..linalg.factors import NotPositiveDefinite
 from ..linalg.reductions import Reductions
+from ..linalg.solve_errors import CGNotConverged
 
 _SOFT: Final = 1e-2
 """Stiffness of springs against a rigid motion, over that of the body (Young's modulus times its size), below which it
@@ -40,7 +46,7 @@ def soft_motions(elasticity: Deformable) -> SoftMotions | None:
     forces = elasticity.anchoring[: len(modes), :, None] * modes
     if ground is not None:
         forces += of_components(ground, elasticity.x, component, parts, elasticity.comm)
-    stiff = diagonal_of(elasticity.K).reshape(-1, 3).mean(axis=1)[: len(elasticity.x)]
+    stiff = elasticity.reduced.diagonal.reshape(-1, 3).mean(axis=1)[: len(elasticity.x)]
     found: list[tuple[FloatArray, FloatArray]] = []
     for number in range(len(parts)):
         here = component == number
@@ -87,3 +93,36 @@ def _moduli(elasticity: Deformable) -> list[float]:
     materials = [member.body.materials for member in elasticity.members]
     moduli = [m.young for given in materials if given is not None for _, m in by_group(given)]
     return [0.0 if of_place(young) else float(np.max(cast(Any, young))) for young in moduli]
+
+
+_FLAT: Final = 1e4
+"""Length of a cell over its thickness from which its shape is named as the cause of a singular stiffness."""
+
+
+@contextmanager
+def explained(elasticity: Deformable) -> Iterator[None]:
+    """Failures of K^-1 as errors in the form a, if K is made of the user's forms, or in the shape of cells."""
+    try:
+        yield
+    except (ValueError, PETSc.Error, CGNotConverged) as error:
+        slow = isinstance(error, CGNotConverged) and not error.indefinite
+        if elasticity.forms() is not None and not slow:
+            raise NotPositiveDefinite(
+                "Body: a is not positive definite where bcs hold nothing, to rounding: look at the signs of its terms "
+                "and coefficients, and whether bcs or Robin terms hold every part of the body"
+                + "".join(member.body.suspects() for member in elasticity.members)
+            ) from None
+        flattest = max(_proportion(member.body) for member in elasticity.members)
+        if not isinstance(error, NotPositiveDefinite) or flattest < _FLAT:
+            raise
+        raise NotPositiveDefinite(
+            f"{error}: there are cells {flattest:.1e} times as long as they are thick; check the lengths and the unit "
+            "of the mesh"
+        ) from None
+
+
+def _proportion(body: SingleBody) -> float:
+    """The largest extent of a cell over its smallest one, of all cells; collective."""
+    points = body.domain.geometry.x[compat.cell_geometry(body.domain)]
+    sizes = np.linalg.svd(points - points.mean(axis=1, keepdims=True), compute_uv=False)
+    return Reductions(body.comm).max(sizes[:, 0] / np.maximum(sizes[:, 2], np.finfo(float).tiny))

@@ -12,11 +12,9 @@ from typing import Final
 
 import numpy as np
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from ..fem import compat
-from ..fem.bodies import Deformable, NonlinearBody, SingleBody
+from ..fem.bodies import Deformable, NonlinearBody
 from ..fem.contact import ContactSurface
 from ..fem.geometry import inverse_frames
 from ..linalg.compliance import (
@@ -41,7 +39,6 @@ from ..linalg.factors import (
     FirstRankSolver,
     Front,
     MultifrontalSolver,
-    NotPositiveDefinite,
     Work,
     predicted_work,
     symbolic,
@@ -49,10 +46,11 @@ from ..linalg.factors import (
 )
 from ..linalg.reductions import Reductions
 from ..linalg.solve_errors import CGNotConverged, TooSlow
+from ..linalg.uncoupled import parts_of
 from ..solvers.condensed import CondensedSystem
 from ..solvers.newton_systems import DenseSystem
 from .certificate_scales import EPSILON, largest_motions, lengths, rounding_forces
-from .conditioning import ill_conditioned, soft_motions
+from .conditioning import explained, ill_conditioned, soft_motions
 from .memory import first_room
 from .provenance import timed
 
@@ -70,38 +68,6 @@ time in all than in single precision."""
 
 _SOLVED: Final = 1e-8
 """Accuracy of the solution whose iterations decide between multigrid and factors."""
-
-_FLAT: Final = 1e4
-"""Length of a cell over its thickness from which its shape is named as the cause of a singular stiffness."""
-
-
-@contextmanager
-def explained(elasticity: Deformable) -> Iterator[None]:
-    """Failures of K^-1 as errors in the form a, if K is made of the user's forms, or in the shape of cells."""
-    try:
-        yield
-    except (ValueError, PETSc.Error, CGNotConverged) as error:
-        slow = isinstance(error, CGNotConverged) and not error.indefinite
-        if elasticity.forms() is not None and not slow:
-            raise NotPositiveDefinite(
-                "Body: a is not positive definite where bcs hold nothing, to rounding: look at the signs of its terms "
-                "and coefficients, and whether bcs or Robin terms hold every part of the body"
-                + "".join(member.body.suspects() for member in elasticity.members)
-            ) from None
-        flattest = max(_proportion(member.body) for member in elasticity.members)
-        if not isinstance(error, NotPositiveDefinite) or flattest < _FLAT:
-            raise
-        raise NotPositiveDefinite(
-            f"{error}: there are cells {flattest:.1e} times as long as they are thick; check the lengths and the unit "
-            "of the mesh"
-        ) from None
-
-
-def _proportion(body: SingleBody) -> float:
-    """The largest extent of a cell over its smallest one, of all cells; collective."""
-    points = body.domain.geometry.x[compat.cell_geometry(body.domain)]
-    sizes = np.linalg.svd(points - points.mean(axis=1, keepdims=True), compute_uv=False)
-    return Reductions(body.comm).max(sizes[:, 0] / np.maximum(sizes[:, 2], np.finfo(float).tiny))
 
 
 @dataclass(frozen=True)
@@ -170,7 +136,14 @@ class FixedStiffness:
 
     @cached_property
     def solver(self) -> StiffnessSolver:
-        """K^-1; where A is formed with the contact nodes eliminated last, which gives A."""
+        """K^-1; where A is formed with the contact nodes eliminated last, which gives A.  Multigrid keeps K in blocks,
+        so that the matrix is let go, a third of the memory of a body."""
+        if isinstance(self._solver, IterativeSolver):
+            self.elasticity.let_go_of_matrix()
+        return self._solver
+
+    @cached_property
+    def _solver(self) -> StiffnessSolver:
         K, x, method = self.elasticity.K, self.elasticity.reduction.points, self.method
         with timed(self._seconds, "stiffness"), explained(self.elasticity):
             if method.explicit or method.linear_solver is DirectSolver:
@@ -184,9 +157,10 @@ class FixedStiffness:
                 factors = MultifrontalSolver(K, x, last, single, self._fronts, self._many)
                 self._fronts = factors.fronts
                 return factors
+            soft = self._soft  # before grids are made, which take the memory that this leaves
             solver = method.linear_solver(K)
-            if self._soft is not None and isinstance(solver, IterativeSolver):
-                solver.separate(self._soft)
+            if soft is not None and isinstance(solver, IterativeSolver):
+                solver.separate(soft)
             return solver
 
     @cached_property
@@ -197,9 +171,9 @@ class FixedStiffness:
     def iterations_within(self, most: float) -> float:
         """Of multigrid for the displacements under 1 N along the normal of every contact point, to 1e-8; inf if they
         are more than `most`, the same number on all ranks; collective."""
-        solver, B = self.solver, self._reference.free_B
+        solver, B = self._solver, self._reference.free_B
         assert isinstance(solver, IterativeSolver)
-        f, u = self.elasticity.K.createVecs()
+        f, u = self.elasticity.reduced.vector(), self.elasticity.reduced.vector()
         pressed = B.createVecLeft()
         pressed.array[0::3] = 1.0
         B.multTranspose(pressed, f)
@@ -222,7 +196,8 @@ class FixedStiffness:
             if self.method.explicit and isinstance(solver, MultifrontalSolver | FirstRankSolver):
                 large = any(isinstance(one.body, NonlinearBody) for one in self.elasticity.members)
                 return SchurCompliance(B, solver, halved=large)
-            return MatrixFreeCompliance(B, self.elasticity.K, solver, soft=self._soft)
+            parts = solver.parts if isinstance(solver, IterativeSolver) else parts_of(self.elasticity.K)
+            return MatrixFreeCompliance(B, self.elasticity, solver, parts, soft=self._soft)
 
     def compliance(self, surface: ContactSurface, seconds: dict[str, float]) -> BodyCompliance:
         """A = B K^-1 B^T, metres per newton, in the frames of a surface of this body; what the Krylov methods have
@@ -278,7 +253,7 @@ class ContactStiffness:
         """K^-1 and A of the body in a state, the last of which are kept; wall times are added to `seconds`."""
         method = self.present
         known = self._latest
-        if known is None or known.elasticity.K is not elasticity.K or known.method is not method:
+        if known is None or known.elasticity.reduced is not elasticity.reduced or known.method is not method:
             self.elasticity, spent = elasticity, self._seconds if seconds is None else seconds
             many = elasticity.constraints.locked not in self._factors_of and self.in_double
             self._factors_of.add(elasticity.constraints.locked)
@@ -324,7 +299,7 @@ class ContactStiffness:
     def _of_unit_motion(self, elasticity: Deformable) -> FloatArray:
         """`rounding_forces` of a displacement by 1 m, kept while K is the same: in large motions that of the bodies at
         their place, which is assembled only for linear problems there; collective."""
-        of = elasticity if elasticity.members[0].body.large else elasticity.K
+        of = elasticity if elasticity.members[0].body.large else elasticity.reduced
         if self._rounding is None or self._rounding[0] is not of:
             self._rounding = of, rounding_forces(elasticity, np.ones_like(elasticity.x))
         return self._rounding[1]

@@ -19,7 +19,6 @@ from ..fem.bodies import (
     HyperelasticBody,
     Loading,
     NonlinearBody,
-    diagonal_of,
     displacements_of,
 )
 from ..fem.contact import ContactSurface, rows_of
@@ -31,7 +30,8 @@ from ..solvers.friction_problem import FrictionProblem
 from ..solvers.laws import FrictionLaw
 from ..solvers.rigid_motions import NO_MOTION, RigidMotions
 from .certificate_scales import lengths, rounding_of_gaps
-from .contact_stiffness import FixedStiffness, explained
+from .conditioning import explained
+from .contact_stiffness import FixedStiffness
 from .foundation_load import LoadedFoundation, with_foundations
 from .heat import Heat
 from .nodal_answer import Accumulated, relative_displacement
@@ -89,7 +89,7 @@ def iteratively_refined(
             if not BALANCED < size < math.inf:
                 break
             accuracy = min(max(_BEYOND * BALANCED / size, _ACCURACY), _BEYOND)
-            change, ended = _solved(elasticity.K, solver, residual, accuracy)
+            change, ended = _solved(elasticity, solver, residual, accuracy)
             changed = u + elasticity.reduction.displacement(change)
             after, smaller = left_over(changed)
             if not smaller < size:
@@ -100,9 +100,11 @@ def iteratively_refined(
     return u
 
 
-def _solved(K: PETSc.Mat, solver: StiffnessSolver, residual: FloatArray, accuracy: float) -> tuple[FloatArray, bool]:
+def _solved(
+    elasticity: Deformable, solver: StiffnessSolver, residual: FloatArray, accuracy: float
+) -> tuple[FloatArray, bool]:
     """K^-1 of a residual (k, 3) to a relative accuracy; and whether the solve ended before."""
-    rhs, change = K.createVecs()
+    rhs, change = elasticity.reduced.vector(), elasticity.reduced.vector()
     rhs.array[:] = residual.ravel()
     size = float(rhs.norm()) or 1.0  # scaled: solves start from combinations of earlier solutions of like size
     rhs.scale(1.0 / size)
@@ -310,7 +312,7 @@ class LinearProblem:
     @cached_property
     def node_stiffness(self) -> FloatArray:
         """Mean of the diagonal of K at the node of every contact point, newtons per metre, shape (m,)."""
-        diagonal = diagonal_of(self.elasticity.K)[: 3 * len(self.elasticity.x)]
+        diagonal = self.elasticity.reduced.diagonal[: 3 * len(self.elasticity.x)]
         return diagonal.reshape(-1, 3).mean(axis=1)[self.surface.nodes]
 
     @cached_property
@@ -370,7 +372,7 @@ class LinearProblem:
             f = body.f(loading)
 
         def solved() -> FloatArray:
-            u = self.elasticity.K.createVecRight()
+            u = self.elasticity.reduced.vector()
             with (
                 suppress(CGNotConverged),
                 explained(self.elasticity),

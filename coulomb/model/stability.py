@@ -55,7 +55,7 @@ def stability(body: Deformable, B: PETSc.Mat, x: FloatArray, frictional: BoolArr
     """Of a linearised body with contact rows B (3 m rows, by the unknowns of K) and contact forces x (3 m,) in newtons,
     at points that have friction or not (m,); None above `_SIZE` unknowns; collective."""
     none, over = np.zeros_like(body.x), Reductions(body.comm)
-    if body.K.getSize()[0] > _SIZE:
+    if over.sum(3.0 * len(body.reduction.points)) > _SIZE:
         return None
     pressing = x[0::3] > _PRESSING * max(over.max(x[0::3]), 0.0)
     smooth, mode = _negative(body, _held(body.K, B, pressing, np.zeros_like(pressing)))

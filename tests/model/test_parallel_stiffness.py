@@ -3,6 +3,7 @@
 Run alone, or as `mpirun -n 2 python -m pytest tests/model/test_parallel_stiffness.py`.
 """
 
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from mpi4py import MPI
 from ranks import by_place, everywhere
 
 from coulomb import (
+    Clamp,
     Contact,
     ContactProblem,
     InteriorPoint,
@@ -25,11 +27,13 @@ from coulomb import (
     join,
     moved,
 )
+from coulomb.fem.bodies import diagonal_of
 from coulomb.io.output import write
 from coulomb.linalg.reductions import Reductions
 from coulomb.model.certificate import judge
 from coulomb.model.held_nodes import OtherNodes
 from coulomb.recheck import check
+from coulomb.solvers import CondensedSystem, IterativeSolver
 
 SOFT, STIFF = 1e4, 2e11
 
@@ -207,3 +211,21 @@ def test_the_check_has_the_same_scales(tmp_path):
     write(problem.solve(), tmp_path)
     findings = check(tmp_path, problem)
     assert findings.certificate.passed and not findings.faults
+
+
+def test_multigrid_lets_go_of_the_matrix():
+    """It is freed, assembled anew where it is asked for, and answers do without it."""
+    held, load = [Clamp("left")], [Traction("top", (2e6, 0.0, -5e6))]
+    on, multigrid = Contact("bottom", 0.3), {"linear_solver": IterativeSolver, "explicit": False}
+    mesh = box((0.4, 0.2, 0.2), (6, 3, 3))
+    problem, fresh = (ContactProblem(mesh, Material(STIFF, 0.3), held, on, load, **multigrid) for _ in range(2))
+    matrix = weakref.ref(problem.elasticity.K)
+    answer = problem.solve()
+    assert matrix() is None and problem.elasticity.reduced.K is None
+    assert answer.valid
+    expected = fresh.elasticity.K
+    assert problem.elasticity.reduced.diagonal == pytest.approx(diagonal_of(expected), rel=1e-15)
+    assert problem.elasticity.reduced.vector().getSizes() == expected.createVecRight().getSizes()
+    assert (problem.elasticity.K - expected).norm() <= 1e-15 * expected.norm()
+    condensed = problem.solve(solver=InteriorPoint(newton=CondensedSystem()))
+    assert np.abs(condensed.displacement - answer.displacement).max() <= 1e-6 * np.abs(answer.displacement).max()

@@ -225,13 +225,19 @@ class Deformable(ReducedBodies):
         """What is recorded of the user's forms; None for a body without."""
         return None
 
+    def let_go_of_matrix(self) -> None:
+        """Free K, where it can be assembled as it is if it is asked for again: not of user's forms, the coefficients of
+        which may change, nor of bodies that move on; collective."""
+        if self.forms() is None and not any(one.body.large for one in self.members):
+            self.reduced.let_go()
+
     def f(self, loading: Loading) -> PETSc.Vec:
         """The load in newtons, with the prescribed displacements included, so that K u = f; collective."""
-        f, forces, g = self.K.createVecRight(), loading.load, loading.prescribed
+        f, forces, g = self.reduced.vector(), loading.load, loading.prescribed
         if self.comm.allreduce(bool(np.any(g)), op=MPI.LOR):
             forces = forces - self.internal_force(g) + self.spring_force(g)
         along = self.reduction.along(forces, loading.tension)
-        along[: len(self.x)] += self._reduced.held_diagonal * self.held.held_part(g)
+        along[: len(self.x)] += self.reduced.held_diagonal * self.held.held_part(g)
         f.array[:] = along.ravel()
         return f
 

@@ -23,19 +23,42 @@ from .reduction import Reduction
 from .rigid_modes import component_modes, of_components
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Reduced:
     """The stiffness in the unknowns, N/m.
 
     Attributes:
-        K: The matrix.
+        K: The matrix; None from when it has been let go until it is asked for.
         held_diagonal: Its entry for held components: the mean diagonal of the node without supports, shape (k, 1).
         anchoring: Of the springs at the anchors of free motions, shape (k + p, 3).
     """
 
-    K: PETSc.Mat
+    K: PETSc.Mat | None
     held_diagonal: FloatArray
     anchoring: FloatArray
+    _diagonal: PETSc.Vec | None = None
+
+    def let_go(self) -> None:
+        """Free K but for its diagonal; collective."""
+        if self.K is not None:
+            comm, self._diagonal = self.K.comm, self.K.getDiagonal()
+            self.K = None
+            PETSc.garbage_cleanup(comm)
+
+    def vector(self) -> PETSc.Vec:
+        """Of the unknowns, with any values; collective."""
+        if self.K is None:
+            assert self._diagonal is not None
+            return self._diagonal.duplicate()
+        return self.K.createVecRight()
+
+    @property
+    def diagonal(self) -> FloatArray:
+        """Of K, this rank's entries, shape (n,); collective."""
+        if self.K is None:
+            assert self._diagonal is not None
+            return self._diagonal.array.copy()
+        return diagonal_of(self.K)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,13 +212,15 @@ class ReducedBodies(HeldNodes, ABC):
             ValueError: On every rank, if every direction of every node of a body is held, or if rigid motions are
                 resisted by no more than rounding errors.
         """
-        return self._reduced.K
+        if self.reduced.K is None:
+            self.reduced.K = eliminated(self._K_of or self).K
+        return self.reduced.K
 
     @property
     def anchoring(self) -> FloatArray:
         """Stiffness of the springs that K has at the `anchors` of `free`, N/m, shape (k + p, 3); they are no internal
         forces, and carry nothing where loads and contact forces are in equilibrium."""
-        return self._reduced.anchoring
+        return self.reduced.anchoring
 
     def keep_stiffness(self, known: ReducedBodies) -> None:
         """Take the stiffness of bodies that differ in loads and in the values of what supports prescribe alone, if the
@@ -203,10 +228,11 @@ class ReducedBodies(HeldNodes, ABC):
         mine, theirs = self.held, known.held
         same = np.array_equal(mine.nodes, theirs.nodes) and np.array_equal(mine.projector, theirs.projector)
         if self.comm.allreduce(same, op=MPI.LAND):
-            self._made.reduced, self._K_of = known._reduced, known._K_of or known  # which K does not keep alive
+            self._made.reduced, self._K_of = known.reduced, known._K_of or known  # which K does not keep alive
 
     @property
-    def _reduced(self) -> Reduced:
+    def reduced(self) -> Reduced:
+        """The stiffness of the unknowns: one object for all bodies that have the same."""
         if self._made.reduced is None:
             self._made.reduced = eliminated(self)
         return self._made.reduced

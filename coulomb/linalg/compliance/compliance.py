@@ -13,7 +13,7 @@ from petsc4py import PETSc
 from ...arrays import FloatArray
 from ..reductions import Reductions
 from ..solve_errors import CGNotConverged, TooSlow
-from ..uncoupled import parts_of
+from ..uncoupled import Parts
 from .coupled import Elimination
 from .low_rank import RecycledColumns, turned_diagonal
 from .stiffness import IterativeSolver, SoftMotions, StiffnessSolver
@@ -183,9 +183,10 @@ class DiagonalEstimate(NamedTuple):
 
 
 def estimated_diagonal(
-    A: Compliance, B: PETSc.Mat, K: PETSc.Mat, probes: int = 8, rigid: FloatArray | None = None
+    A: Compliance, B: PETSc.Mat, stiffness: FloatArray, probes: int = 8, rigid: FloatArray | None = None
 ) -> DiagonalEstimate:
-    """diag(A) of A = B K^-1 B^T from a few products, or that of A - F F^T with `rigid` columns F, shape (3 m, q).
+    """diag(A) of A = B K^-1 B^T from a few products, or that of A - F F^T with `rigid` columns F, shape (3 m, q);
+    `stiffness` is the diagonal of K, this rank's entries, shape (n,).
 
     From products Y = A V with random signs V, Nyström's approximation Y (V^T Y)^-1 Y^T <= A has the few large
     eigenvalues of slender bodies, along which diag(A) varies by orders of magnitude.  The diagonal of the rest is close
@@ -194,7 +195,7 @@ def estimated_diagonal(
     Webber: XTrace, SIAM J. Matrix Anal. Appl. 45, 2024).  The inverse is shifted by the square of the products'
     accuracy, the error of v^T A v.
     """
-    over, local = Reductions(A.comm), _of_diagonal(B, K)
+    over, local = Reductions(A.comm), _of_diagonal(B, stiffness)
     random = np.random.default_rng([2718, A.comm.rank])
     V: FloatArray = random.choice([-1.0, 1.0], size=(probes, local.size))
     Y, y = np.empty_like(V), np.empty(local.size)
@@ -220,15 +221,14 @@ def estimated_diagonal(
     return DiagonalEstimate(known + rest, rest)
 
 
-def _of_diagonal(B: PETSc.Mat, K: PETSc.Mat) -> FloatArray:
+def _of_diagonal(B: PETSc.Mat, stiffness: FloatArray) -> FloatArray:
     """diag(B diag(K)^-1 B^T), shape (m, 3)."""
     u, x = B.createVecs()
     squares = B.duplicate(copy=True)
     indptr, indices, values = squares.getValuesCSR()
     squares.setValuesCSR(indptr, indices, values**2)
     squares.assemble()
-    K.getDiagonal(u)
-    u.reciprocal()
+    u.array[:] = 1.0 / stiffness
     squares.mult(u, x)
     local: FloatArray = x.array_r.reshape(-1, 3).copy()
     for done in (squares, u, x):
@@ -251,10 +251,30 @@ class LimitedProducts:
             raise TooSlow("Newton systems with A take too many Krylov iterations")
 
 
+class DiagonalOfStiffness(Protocol):
+    """K may have been let go."""
+
+    @property
+    def diagonal(self) -> FloatArray: ...
+
+
+class Stiffness(Protocol):
+    """Of bodies: K, assembled if it has to be, and what is known of it without."""
+
+    @property
+    def K(self) -> PETSc.Mat: ...
+
+    @property
+    def reduced(self) -> DiagonalOfStiffness: ...
+
+
 class MatrixFreeCompliance(LimitedProducts):
     """A as a solve with K between B^T and B, its diagonal estimated by `probes` products (`estimated_diagonal`).
 
     Args:
+        stiffness: Has K for those who ask.
+        solver: K^-1.
+        parts: Those that K does not couple.
         diagonal: Replaces the estimate of the diagonal of A - F F^T.
         soft: The motions that the solver computes apart, if there are any.
 
@@ -268,23 +288,22 @@ class MatrixFreeCompliance(LimitedProducts):
     def __init__(
         self,
         B: PETSc.Mat,
-        K: PETSc.Mat,
+        stiffness: Stiffness,
         solver: StiffnessSolver,
+        parts: Parts,
         probes: int = 8,
         diagonal: DiagonalEstimate | None = None,
         soft: SoftMotions | None = None,
     ):
-        self.B, self.K, self._solver, self._soft = B, K, solver, soft
+        self.B, self._stiffness, self._solver, self._soft, self._parts = B, stiffness, solver, soft, parts
         self.comm: MPI.Comm = B.getComm().tompi4py()
         self.nodes = B.getLocalSize()[0] // 3
         self.products, self.learnt = 0, RecycledColumns()
-        self._parts = parts_of(K)
         self._u, self._x = B.createVecs()
         self._rhs = self._u.duplicate()
         self._last = self._u.duplicate()
-        stiffness = K.getDiagonal()
-        self._root: FloatArray = np.sqrt(np.abs(stiffness.array_r))
-        stiffness.destroy()
+        of_nodes = stiffness.reduced.diagonal
+        self._root: FloatArray = np.sqrt(np.abs(of_nodes))
         self._last.set(0.0)
         self._accurate: FloatArray | None = None
         self.latest: FloatArray | None = None
@@ -292,7 +311,12 @@ class MatrixFreeCompliance(LimitedProducts):
         self._guessed = self._found = False
         self._free: FloatArray = self._u.array.copy()
         self.rigid = None if soft is None else np.column_stack([self._moved(motion) for motion in soft.motions.T])
-        self._elastic = estimated_diagonal(self, B, K, probes, self.rigid) if diagonal is None else diagonal
+        self._elastic = estimated_diagonal(self, B, of_nodes, probes, self.rigid) if diagonal is None else diagonal
+
+    @property
+    def K(self) -> PETSc.Mat:
+        """The stiffness, assembled anew if it has been let go."""
+        return self._stiffness.K
 
     def _moved(self, u: FloatArray) -> FloatArray:
         """B u."""
@@ -460,7 +484,7 @@ class MatrixFreeCompliance(LimitedProducts):
     def rotated(self, B: PETSc.Mat, turn: FloatArray) -> MatrixFreeCompliance:
         rest: FloatArray = np.einsum("iab,ib->ia", turn**2, self._elastic.rest.reshape(-1, 3)).ravel()
         diagonal = DiagonalEstimate(turned_diagonal(self._elastic.whole, self.learnt, turn), rest)
-        return MatrixFreeCompliance(B, self.K, self._solver, diagonal=diagonal, soft=self._soft)
+        return MatrixFreeCompliance(B, self._stiffness, self._solver, self._parts, diagonal=diagonal, soft=self._soft)
 
     def known_product(self, x: FloatArray) -> FloatArray | None:
         """That of the last most accurate product, if x is the same."""

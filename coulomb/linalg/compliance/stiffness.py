@@ -154,6 +154,9 @@ class IterativeSolver:
         K: Symmetric positive definite, assembled, block size 3, with a near-nullspace.
         tolerance: |K u - rhs| / |rhs|, well below the tolerances of the CG that uses A = B K^-1 B^T.
 
+    Attributes:
+        parts: Those that K does not couple; K itself it does not keep.
+
     Raises:
         NotPositiveDefinite: On every rank, if a diagonal entry of K, or of a coarser grid, is not positive.
         CGNotConverged: From solve, if 1000 iterations are not enough, or K is not positive definite, to rounding.
@@ -176,7 +179,7 @@ class IterativeSolver:
         finally:
             if P is not None:
                 P.destroy()
-        self._u, self._parts, comm = padded(cycle.size), parts_of(K), K.comm.tompi4py()
+        self._u, self.parts, comm = padded(cycle.size), parts_of(K), K.comm.tompi4py()
         self._cg = RecycledCG(comm, cycle.size, cycle.mult, self._precondition, _DIRECTIONS, _ITERATIONS, cycle)
 
     def _precondition(self, r: FloatArray) -> FloatArray:
@@ -208,14 +211,14 @@ class IterativeSolver:
             rest.destroy()
 
     def _solved(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float) -> None:
-        sizes = self._parts.norms(rhs.array_r)
+        sizes = self.parts.norms(rhs.array_r)
         if not np.any(sizes):  # a solution 0 among the earlier ones would make the next start undefined
             u.set(0.0)
             return
         left = self._allowed - (self.iterations - self._before)
         if left <= 0.0:
             raise self._too_slow()
-        forces = self._parts.scaled(rhs.array_r, 1.0 / np.where(sizes > 0.0, sizes, 1.0))
+        forces = self.parts.scaled(rhs.array_r, 1.0 / np.where(sizes > 0.0, sizes, 1.0))
         try:
             self.iterations += self._cg.solve(forces, self._u, max(tolerance, self.tolerance), left)
         except CGNotConverged as failure:
@@ -224,7 +227,7 @@ class IterativeSolver:
                 raise self._too_slow() from None
             raise
         finally:
-            u.array[:] = self._parts.scaled(self._u, sizes)
+            u.array[:] = self.parts.scaled(self._u, sizes)
 
     def _too_slow(self) -> TooSlow:
         return TooSlow(
