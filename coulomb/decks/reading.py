@@ -11,7 +11,7 @@ import numpy as np
 from ..arrays import FloatArray, IntArray, as_list
 from .cards import Card, key_of
 from .geometry import Geometry
-from .steps import STEADY, Amplitude, Rows, Step, reference, smooth
+from .steps import STEADY, Amplitude, Rows, Step, periodic, reference, smooth
 
 
 class Reading:
@@ -141,10 +141,15 @@ class Reading:
         for card in self.deck.others:
             if card.kind == "AMPLITUDE":
                 kind, meant = card.key("DEFINITION") or "TABULAR", card.key("VALUE") or "RELATIVE"
-                if kind not in ("TABULAR", "SMOOTHSTEP") or "USER" in card.parameters:
-                    raise card.fault("of definitions TABULAR and SMOOTH STEP are read")
+                if kind not in ("TABULAR", "SMOOTHSTEP", "PERIODIC") or "USER" in card.parameters:
+                    raise card.fault("of definitions TABULAR, SMOOTH STEP and PERIODIC are read")
                 if meant != "RELATIVE":
                     raise card.fault(f"VALUE={card.get('VALUE')} is not read: give factors of the loads")
+                total = card.key("TIME") == "TOTALTIME"
+                if kind == "PERIODIC":
+                    spans = (step.end - (0.0 if total else step.begin) for step in self.steps)
+                    found[card.key("NAME")] = Amplitude(periodic(card, max(spans)), total)
+                    continue
                 values = card.floats() if card.lines else np.empty(0)
                 if len(values) % 2 or not len(values):
                     raise card.fault("needs pairs of time and factor")
@@ -154,7 +159,7 @@ class Reading:
                 pairs = values.reshape(-1, 2) + (shift_x, shift_y)
                 rows = tuple((float(t), float(v)) for t, v in pairs)
                 rows = smooth(rows) if kind == "SMOOTHSTEP" else rows
-                found[card.key("NAME")] = Amplitude(rows, card.key("TIME") == "TOTALTIME")
+                found[card.key("NAME")] = Amplitude(rows, total)
         return found
 
     def amplitude(self, card: Card) -> Amplitude | None:

@@ -96,6 +96,23 @@ def smooth(rows: Rows) -> Rows:
     return tuple(found)
 
 
+def periodic(card: Card, until: float) -> Rows:
+    """Abaqus' PERIODIC, A0 + sum of A_n cos(n w (t - t0)) + B_n sin(n w (t - t0)) from t0 on and A0 before, in forty
+    parts of the shortest period up to a time; from the lines N, w, t0, A0 and A_1, B_1, A_2, ..."""
+    count, omega, start, mean = card.vector(0, 4)
+    given = card.floats(range(1, len(card.lines)))
+    if count != len(given) / 2 or count < 1.0 or omega <= 0.0:
+        raise card.fault("needs a line of N, frequency, start and mean, and N pairs of coefficients")
+    parts = math.ceil(max(until - start, 0.0) * omega * count / (2.0 * math.pi) * 40)
+    if parts > 4000:
+        raise card.fault(f"has {parts / 40.0:.0f} of its shortest periods in a step: at most 100 are read")
+    t = start + np.arange(parts + 1) * (2.0 * math.pi / (40.0 * omega * count))
+    angle = np.outer(t - start, np.arange(1, int(count) + 1) * omega)
+    at = mean + np.cos(angle) @ given[::2] + np.sin(angle) @ given[1::2]
+    before = [(start, float(mean))] if start > 0.0 and at[0] != mean else []
+    return (*before, *((float(time), float(value)) for time, value in zip(t, at, strict=True)))
+
+
 @dataclass
 class Track:
     """What one load, or one component of a support, is in the course of time.

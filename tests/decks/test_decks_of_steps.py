@@ -187,3 +187,24 @@ def test_constants_by_temperature_are_those_of_one(values, said, tmp_path):
     assert [note.split("those of ")[1] for note in found.notes if "by temperature" in note] == (
         [f"{said}, in all load steps"] if said else []
     )
+
+
+def test_a_load_that_goes_up_and_down(tmp_path):
+    """Abaqus' PERIODIC: A0 + A1 cos + B1 sin, at the time of the step; load steps end at its extremes."""
+    curve = f"*AMPLITUDE, NAME=a, DEFINITION=PERIODIC\n1, {2.0 * np.pi:.16g}, 0., .5\n.3, .4\n"
+    loaded = CUBES + curve + STEP.format("*CLOAD, AMPLITUDE=a\ntop, 3, -1.")
+    tables = tables_of(tmp_path, loaded).tables
+    (force,) = tables["nodal_force"]
+    rows = np.array(force["amplitude"])
+    t, own = rows[:, 0], rows[:, 1] * force["force"][2]
+    assert np.allclose(own, -(0.5 + 0.3 * np.cos(2.0 * np.pi * t) + 0.4 * np.sin(2.0 * np.pi * t)), atol=1e-12)
+    assert t[-1] == 1.0 and len(t) == 41
+    peak = np.arctan2(0.4, 0.3) / (2.0 * np.pi)
+    assert tables["history"]["times"] == pytest.approx([peak, peak + 0.5, 1.0], abs=0.5 / 40.0)
+    for wrong, said in (
+        (curve.replace(".3, .4", ".3"), "N pairs of coefficients"),
+        (curve.replace("1, 6", "1, -6"), "N pairs of coefficients"),
+        (curve.replace("1, 6.", "1, 6000."), "955 of its shortest periods in a step"),
+    ):
+        with pytest.raises(ValueError, match=rf"deck.inp: line \d+: \*AMPLITUDE: .*{said}"):
+            tables_of(tmp_path, loaded.replace(curve, wrong))
