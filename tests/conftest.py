@@ -30,7 +30,7 @@ from skips import pytest_addoption, pytest_sessionfinish, pytest_terminal_summar
 
 import coulomb
 from coulomb import units
-from coulomb.linalg.compliance.compliance import MatrixCompliance
+from coulomb.linalg.compliance import MatrixCompliance
 
 DATA = Path(__file__).with_name("data")
 ROOT = Path(__file__).parents[1]

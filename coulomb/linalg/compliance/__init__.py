@@ -2,10 +2,11 @@
 low-rank corrections of systems with it.
 """
 
-from .compliance import BodyCompliance, Compliance, Formed, MatrixCompliance, MatrixFreeCompliance, estimated_diagonal
+from .compliance import BodyCompliance, Compliance, Formed, MatrixFreeCompliance, estimated_diagonal
 from .coupled import CoupledKrylov, Elimination
 from .krylov import CarryingKrylov, ConstraintPreconditioner, Constraints, NodalMap
 from .low_rank import REPLACED, LinearResponseCache, LowRankApproximation, LowRankUpdate, RecycledColumns
+from .matrix_compliance import MatrixCompliance
 from .predicted_cost import (
     EXPLICIT_UP_TO,
     LEAST,

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from coulomb import InteriorPoint, NotConverged
-from coulomb.linalg.compliance.compliance import MatrixCompliance
+from coulomb.linalg.compliance import MatrixCompliance
 from coulomb.solvers import AugmentedSystem, FrictionLaw, FrictionProblem, RigidMotions, SchurComplementSystem
 from coulomb.solvers.equilibrium import equilibrium
 
