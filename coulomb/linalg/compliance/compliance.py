@@ -393,7 +393,7 @@ class MatrixFreeCompliance(LimitedProducts):
     @property
     def local(self) -> FloatArray:
         """diag(B diag(K)^-1 B^T), the order of what the body gives way around a point, metres per newton, (m, 3)."""
-        return _of_diagonal(self.B, self.K)
+        return _of_diagonal(self.B, self._stiffness.reduced.diagonal)
 
     def elimination(self, springs: FloatArray | None = None) -> Elimination:
         """K^-1 by a V-cycle; with springs (m, 3, 3) of contact points, newtons per metre, of K + B^T springs B."""
