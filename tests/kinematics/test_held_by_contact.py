@@ -89,7 +89,8 @@ def test_jaws_grip_turn_and_put_down_an_object():
             assert answer.at_nodes.totals(part)["force"][1:] == pytest.approx([0.0, 0.5 * weight], abs=1e-6 * weight)
         jaws = surface.part < 2
         arms = surface.x[jaws] - axis - answer.problem.motions[0]
-        torque = np.cross(arms, answer.force_on_body[jaws]).sum(axis=0)[0]
+        moment = np.cross(arms, answer.force_on_body[jaws]).sum(axis=0)
+        torque = answer.problem.comm.allreduce(moment)[0]
         assert torque == pytest.approx(0.02 * np.cos(angle) * weight, abs=1e-4 * 0.02 * weight)
     put, let_go = (step.solution for step in steps[-2:])
     assert let_go.at_nodes.totals(2)["force"] == pytest.approx([0.0, 0.0, weight], abs=1e-6 * weight)
