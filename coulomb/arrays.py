@@ -41,12 +41,12 @@ def real_numbers(values: object) -> FloatArray:
     numbers, of which it would drop a part, and for expressions of UFL, of which float() calls itself for ever."""
     if _has_ufl(values):
         raise ValueError("the values must be numbers, but are expressions of UFL; a fem.Constant has one in .value")
-    found = np.asarray(values)
-    if np.iscomplexobj(found):
+    array = np.asarray(values)
+    if np.iscomplexobj(array):
         raise ValueError("the values must be real numbers, but are complex")
-    if found.dtype.kind in "USO" and any(one is None or isinstance(one, str) for one in found.flat):
+    if array.dtype.kind in "USO" and any(one is None or isinstance(one, str) for one in array.flat):
         raise ValueError("the values must be numbers, but are texts or None")
-    return np.asarray(found, dtype=np.float64)
+    return np.asarray(array, dtype=np.float64)
 
 
 def _has_ufl(value: object) -> bool:

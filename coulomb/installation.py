@@ -85,10 +85,10 @@ def loaded_libraries() -> set[str]:
 def why_mpi_does_not_fit(libraries: Iterable[str], size: int, library: str, environment: Mapping[str, str]) -> str:
     """Two MPI libraries in one process, by the files of its libraries, or a launcher of another MPI, by its environment
     and the size according to the MPI library of this name; empty if neither."""
-    found = sorted(file for file in libraries if re.search(r"/libmpi(ch)?\.so[.\d]*$", file))
-    if len(found) > 1:
+    mpis = sorted(file for file in libraries if re.search(r"/libmpi(ch)?\.so[.\d]*$", file))
+    if len(mpis) > 1:
         return (
-            f"mpi4py and DOLFINx use different MPI libraries ({', '.join(found)}): install an mpi4py of DOLFINx's MPI, "
+            f"mpi4py and DOLFINx use different MPI libraries ({', '.join(mpis)}): install an mpi4py of DOLFINx's MPI, "
             "and unset MPI4PY_LIBMPI and MPI4PY_MPIABI"
         )
     started = max((int(n) for n in map(environment.get, _SIZES) if n and n.isdigit()), default=1)

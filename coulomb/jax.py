@@ -46,11 +46,11 @@ def solver(pose: Pose, owed: Owed, like: Any, tolerance: float = 1e-10) -> Calla
     answer.refuse_ranks("JAX")
 
     def forward(*parameters: Any) -> tuple[Any, Any]:
-        found = answer.at([np.asarray(one) for one in parameters])
-        return found.contact_force, found.displacement
+        solution = answer.at([np.asarray(parameter) for parameter in parameters])
+        return solution.contact_force, solution.displacement
 
     def backward(parameters: Sequence[Any], of_force: Any, of_displacement: Any) -> tuple[Any, ...]:
-        given = [np.asarray(one) for one in parameters]
+        given = [np.asarray(parameter) for parameter in parameters]
         return tuple(answer.owed(given, np.asarray(of_force), np.asarray(of_displacement)))
 
     def shaped(shape: tuple[int, ...]) -> Any:
@@ -61,7 +61,7 @@ def solver(pose: Pose, owed: Owed, like: Any, tolerance: float = 1e-10) -> Calla
     solve: Any = jax.custom_vjp(lambda *parameters: jax.pure_callback(forward, shapes, *parameters))
 
     def with_parameters(*parameters: Any) -> tuple[Any, tuple[Any, ...]]:
-        given = tuple(jax.numpy.asarray(one, dtype=np.float64) for one in parameters)
+        given = tuple(jax.numpy.asarray(parameter, dtype=np.float64) for parameter in parameters)
         return solve(*given), given
 
     def pulled_back(parameters: tuple[Any, ...], cotangents: tuple[Any, Any]) -> Any:

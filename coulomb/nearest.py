@@ -50,20 +50,20 @@ def same_nodes(x: FloatArray, inside: FloatArray, points: Any, rows: Any, near: 
         rows: Numbers of the points of every cell, likewise, shape (c, m).
         near: Distance in metres up to which points are at one place.
     """
-    found: IntArray = np.full(len(x), -1, dtype=np.int64)
+    number_of: IntArray = np.full(len(x), -1, dtype=np.int64)
     if not len(x):
-        return found
-    tree, mine, other = tree_of(x), [found[:0]], [found[:0]]
+        return number_of
+    tree, mine, other = tree_of(x), [number_of[:0]], [number_of[:0]]
     for first in range(0, len(points), _AT_ONCE):
         part = tree_of(np.asarray(points[first : first + _AT_ONCE], dtype=np.float64))
         pairs = tree.sparse_distance_matrix(part, near, output_type="ndarray")
         mine.append(pairs["i"].astype(np.int64))
         other.append(first + pairs["j"].astype(np.int64))
     node, number = np.concatenate(mine), np.concatenate(other)
-    found[node] = number
+    number_of[node] = number
     several = np.bincount(node, minlength=len(x)) > 1
     if not np.any(several):
-        return found
+        return number_of
     kept, wanted = [], np.unique(number[several[node]])
     for first in range(0, len(rows), _AT_ONCE):
         cells = np.asarray(rows[first : first + _AT_ONCE], dtype=np.int64)
@@ -73,12 +73,12 @@ def same_nodes(x: FloatArray, inside: FloatArray, points: Any, rows: Any, near: 
     corners = np.asarray(points[used], dtype=np.float64)[inverse.reshape(cells.shape)]
     distance, cell = tree_of(corners.mean(axis=1)).query(inside[several])
     corner = np.argmin(np.linalg.norm(corners[cell] - x[several, None], axis=2), axis=1)
-    found[several] = np.where(distance <= near, cells[cell, corner], -1)
-    return found
+    number_of[several] = np.where(distance <= near, cells[cell, corner], -1)
+    return number_of
 
 
 def in_a_cell(points: FloatArray, rows: npt.NDArray[np.integer[Any]]) -> FloatArray:
     """For every point (n, 3) the middle of a cell that has it, of rows of points (c, m); shape (n, 3)."""
-    found = np.empty_like(points)
-    found[rows] = points[rows].mean(axis=1)[:, None]
-    return found
+    middles = np.empty_like(points)
+    middles[rows] = points[rows].mean(axis=1)[:, None]
+    return middles

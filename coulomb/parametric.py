@@ -45,17 +45,17 @@ class ParametricAnswer:
             ValueError: On every rank, if the problem has other nodes or contact points than `like`; and as `pose`.
             NotConverged: As `ContactProblem.solve`.
         """
-        values, over = [np.array(values_of(one)) for one in parameters], self.like.comm
+        values, over = [np.array(values_of(parameter)) for parameter in parameters], self.like.comm
         known = self._latest is not None and all(map(np.array_equal, values, self._latest[0]))
         if over.allreduce(int(not known)):
-            found = self._pose(*parameters).solve(self._tolerance)
-            shape = found.contact_force.size, len(found.displacement)
+            solution = self._pose(*parameters).solve(self._tolerance)
+            shape = solution.contact_force.size, len(solution.displacement)
             if over.allreduce(int(shape != (self.forces, self.nodes))):
                 raise ValueError(
                     f"the problem of the parameters has {shape[0] // 3} contact points and {shape[1]} nodes on this "
                     f"rank, `like` has {self.forces // 3} and {self.nodes}: parameters may not change the mesh or faces"
                 )
-            self._latest = values, found
+            self._latest = values, solution
         assert self._latest is not None
         return self._latest[1]
 
@@ -72,14 +72,14 @@ class ParametricAnswer:
                 `Solution.gradient`.
         """
         gradient = self.at(parameters).gradient(of_force, of_displacement)
-        found = [np.asarray(one, dtype=np.float64) for one in self._owed(gradient, *parameters)]
-        shapes = [values_of(one).shape for one in parameters]
-        if [one.size for one in found] != [int(np.prod(shape)) for shape in shapes]:
+        gradients = [np.asarray(one, dtype=np.float64) for one in self._owed(gradient, *parameters)]
+        shapes = [values_of(parameter).shape for parameter in parameters]
+        if [one.size for one in gradients] != [int(np.prod(shape)) for shape in shapes]:
             raise ValueError(
                 f"owed: there must be derivatives of shapes {shapes}, those of the parameters, but they have "
-                f"{[one.shape for one in found]}"
+                f"{[one.shape for one in gradients]}"
             )
-        return [one.reshape(shape) for one, shape in zip(found, shapes, strict=True)]
+        return [one.reshape(shape) for one, shape in zip(gradients, shapes, strict=True)]
 
 
 def values_of(parameter: Any) -> FloatArray:

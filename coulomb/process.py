@@ -162,7 +162,7 @@ def _own_directory() -> Path:
     """A directory for temporary files with a fixed name, owned by this user only."""
     place = Path(tempfile.gettempdir()) / f"coulomb-{os.getuid()}"
     place.mkdir(mode=0o700, exist_ok=True)
-    found = place.lstat()
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o022:
+    status = place.lstat()
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or stat.S_IMODE(status.st_mode) & 0o022:
         return Path(tempfile.mkdtemp(prefix="coulomb-"))
     return place

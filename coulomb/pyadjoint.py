@@ -56,14 +56,14 @@ def solver(
     body = like.elasticity.alone if measure is None else None
 
     def result(parameters: Sequence[Any]) -> Any:
-        found = answer.at(parameters)
+        solution = answer.at(parameters)
         if measure is not None:
-            return pyadjoint.AdjFloat(measure(found)[0])
+            return pyadjoint.AdjFloat(measure(solution)[0])
         import dolfinx_adjoint
 
         assert body is not None
         function = dolfinx_adjoint.Function(body.V, name="displacement")
-        function.x.array[:] = body.function(found.displacement).x.array
+        function.x.array[:] = body.function(solution.displacement).x.array
         return function
 
     def dual(parameter: Any, value: FloatArray) -> Any:
@@ -95,13 +95,13 @@ def solver(
     def solve(*parameters: Any) -> Any:
         given = [one if hasattr(one, "block_variable") else pyadjoint.AdjFloat(one) for one in parameters]
         with pyadjoint.stop_annotating():
-            found = result(given)
+            output = result(given)
         if pyadjoint.annotate_tape():
             block = ContactBlock()
             for one in given:
                 block.add_dependency(one)
             pyadjoint.get_working_tape().add_block(block)
-            block.add_output(found.block_variable)
-        return found
+            block.add_output(output.block_variable)
+        return output
 
     return solve

@@ -35,10 +35,10 @@ def read_bytes(path: str | Path, most: int | None = None) -> bytes:
     """
     refuse_irregular(path)
     with Path(path).open("rb") as file:
-        found = file.read() if most is None else file.read(most + 1)
-    if most is not None and len(found) > most:
+        content = file.read() if most is None else file.read(most + 1)
+    if most is not None and len(content) > most:
         raise OSError(errno.EFBIG, f"it is larger than {most / 1e6:g} MB", str(path))
-    return found
+    return content
 
 
 @contextmanager

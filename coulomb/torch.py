@@ -46,17 +46,17 @@ def solver(pose: Pose, owed: Owed, like: Any, tolerance: float = 1e-10) -> Calla
         @staticmethod
         def forward(ctx: Any, *parameters: Any) -> tuple[Any, Any]:
             ctx.save_for_backward(*parameters)
-            found = answer.at([one.detach().numpy() for one in parameters])
-            return torch.from_numpy(found.contact_force.copy()), torch.from_numpy(found.displacement.copy())
+            solution = answer.at([parameter.detach().numpy() for parameter in parameters])
+            return torch.from_numpy(solution.contact_force.copy()), torch.from_numpy(solution.displacement.copy())
 
         @staticmethod
         @torch.autograd.function.once_differentiable  # type: ignore[untyped-decorator]
         def backward(ctx: Any, *of: Any) -> tuple[Any, ...]:
-            parameters = [one.detach().numpy() for one in ctx.saved_tensors]
+            parameters = [tensor.detach().numpy() for tensor in ctx.saved_tensors]
             return tuple(map(torch.from_numpy, answer.owed(parameters, *(one.numpy() for one in of))))
 
     def solve(*parameters: Any) -> tuple[Any, Any]:
-        given = (torch.as_tensor(one, dtype=torch.float64, device="cpu") for one in parameters)
+        given = (torch.as_tensor(parameter, dtype=torch.float64, device="cpu") for parameter in parameters)
         return Answer.apply(*given)
 
     return solve

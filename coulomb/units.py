@@ -81,7 +81,7 @@ class Units:
         if unit in whole:
             return whole[unit]
         names = {**whole, "m": self.length}
-        return re.sub("[A-Za-z]+", lambda found: names.get(found[0], found[0]), unit)
+        return re.sub("[A-Za-z]+", lambda symbol: names.get(symbol[0], symbol[0]), unit)
 
 
 _used = Units()

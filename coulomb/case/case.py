@@ -419,11 +419,11 @@ class Case(Table):
     @property
     def _limits(self) -> dict[str, float]:
         """The times at which load steps must end, by their keys in the case."""
-        found = {f"pretension.{k}.lock": one.lock for k, one in enumerate(self.pretension)}
+        times = {f"pretension.{k}.lock": one.lock for k, one in enumerate(self.pretension)}
         for key, table in {**self._on_faces, **self.ties}.items():
             if isinstance(table, LastingTable):
-                found |= {f"{key}.begin": table.begin, f"{key}.end": table.end}
-        return {key: time for key, time in found.items() if time is not None}
+                times |= {f"{key}.begin": table.begin, f"{key}.end": table.end}
+        return {key: time for key, time in times.items() if time is not None}
 
     @property
     def timed(self) -> dict[str, tuple[Table, Factors | Translations]]:
@@ -432,7 +432,7 @@ class Case(Table):
         tables: dict[str, Table | None] = {"": self, "temperature": self.temperature, **self._on_faces, **self.contacts}
         tables |= {f"{kind}.{k}": table for kind in several for k, table in enumerate(getattr(self, kind))}
         tables |= {f"{key}.rotation": table.rotation for key, table in self.contacts.items()}
-        found: dict[str, tuple[Table, Factors | Translations]] = {}
+        by_key: dict[str, tuple[Table, Factors | Translations]] = {}
         for key, table in tables.items():
             for name, rows in table or ():
                 if (
@@ -440,8 +440,8 @@ class Case(Table):
                     and columns_of(name)
                     and isinstance(rows, tuple | FactorCurveTable | MotionCurveTable)
                 ):
-                    found[f"{key}.{name}".removeprefix(".")] = table, rows
-        return found
+                    by_key[f"{key}.{name}".removeprefix(".")] = table, rows
+        return by_key
 
     def load_history(self) -> coulomb.LoadHistory:
         assert self.history is not None

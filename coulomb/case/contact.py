@@ -215,8 +215,8 @@ class ContactTable(Table):
 
     @model_validator(mode="after")
     def _one_load(self) -> ContactTable:
-        moments = [one for one in self.moment.components if one is not None]
-        if not moments and not any(one is not None for one in self.force.components):
+        moments = [component for component in self.moment.components if component is not None]
+        if not moments and not any(component is not None for component in self.force.components):
             given = {"force", "moment", "force_point", "force_amplitude"} & self.model_fields_set
             if given:
                 raise ValueError(
@@ -413,10 +413,10 @@ class AutoPairTable(Table):
     slave: bool = False
     leave_out: bool = False
 
-    def order(self, found: FoundPair) -> tuple[str, str] | None:
+    def order(self, pair: FoundPair) -> tuple[str, str] | None:
         """The faces of a pair in the order of the two names; None if they are others."""
-        faces = (found.face, found.against)
-        names = list(zip(faces, found.bodies, found.groups, strict=True))
+        faces = (pair.face, pair.against)
+        names = list(zip(faces, pair.bodies, pair.groups, strict=True))
         for one, other in ((0, 1), (1, 0)):
             if _is_called(names[one], self.of[0]) and _is_called(names[other], self.of[1]):
                 return faces[one], faces[other]
@@ -449,7 +449,7 @@ class AutoContactTable(Table):
         Raises:
             ValueError: If an entry of `pair` is of none of them.
         """
-        pairs, found, used = list(pairs), [], set()
+        pairs, tables, used = list(pairs), [], set()
         for one in pairs:
             faces = (one.face, one.against)
             given = {name: getattr(self, name) for name in ("friction", "adjust", "smooth")}
@@ -464,13 +464,13 @@ class AutoContactTable(Table):
                 keys = {"face": faces[0], "against": faces[1], **given, "slave": slave}
                 fields = ContactTable.model_fields
                 named = {name: value for name, value in keys.items() if value != fields[name].default}
-                found.append(ContactTable.model_validate(named))
+                tables.append(ContactTable.model_validate(named))
         for number, table in enumerate(self.pair):
             if number not in used:
-                listed = "; ".join(f"{one.face!r} and {one.against!r}" for one in pairs[:5])
+                listed = "; ".join(f"{pair.face!r} and {pair.against!r}" for pair in pairs[:5])
                 more = f"; and {len(pairs) - 5} more" if len(pairs) > 5 else ""
                 raise ValueError(
                     f"auto_contact.pair.{number}: none of the pairs found is of {table.of[0]!r} and {table.of[1]!r}; "
                     f"those found are {listed}{more}"
                 )
-        return found
+        return tables

@@ -200,10 +200,10 @@ def _tables(model: _Model, name: str = "", several: bool = False) -> Iterator[tu
     """Every table of a case: dotted name (empty for the case), model, and whether there may be several."""
     yield name, model, several
     for key, field in model.model_fields.items():
-        found = list(_models(field.annotation))
-        if found[1:] and all(set(one.model_fields) <= set(found[-1][0].model_fields) for one, _ in found):
-            found = found[-1:]  # of alternatives the model for several, which has all keys
-        for inner, in_list in found:
+        models = list(_models(field.annotation))
+        if models[1:] and all(set(one.model_fields) <= set(models[-1][0].model_fields) for one, _ in models):
+            models = models[-1:]  # of alternatives the model for several, which has all keys
+        for inner, in_list in models:
             yield from _tables(inner, f"{name}.{key}" if name else key, in_list)
 
 
@@ -290,11 +290,11 @@ def _words(kind: Any) -> ExpectedValue | None:
     if EXPRESSION in tags:
         return ExpectedValue("an expression in quotation marks", "expressions in quotation marks")
     if get_origin(bare) in (Union, UnionType):
-        found = list(dict.fromkeys(words for words in map(_words, get_args(bare)) if words is not None))
-        if not found:
+        expected = list(dict.fromkeys(words for words in map(_words, get_args(bare)) if words is not None))
+        if not expected:
             return None
-        one, several = " or ".join(words.one for words in found), " or ".join(words.several for words in found)
-        return ExpectedValue(one, several, next((words.examples for words in found if words.examples), ()))
+        one, several = " or ".join(words.one for words in expected), " or ".join(words.several for words in expected)
+        return ExpectedValue(one, several, next((words.examples for words in expected if words.examples), ()))
     if get_origin(bare) is Literal:
         *most, last = (f'"{one}"' for one in get_args(bare))
         names = f"{', '.join(most)} or {last}" if most else last

@@ -41,12 +41,12 @@ def read_text(path: str | Path, most: int = LARGEST) -> str:
     Raises:
         OSError: If it cannot be read as UTF-8, or has more than `most` bytes, with the reason.
     """
-    found = read_bytes(path, most)
+    content = read_bytes(path, most)
     for mark, name in _OTHER_TEXT:
-        if found.startswith(mark):
+        if content.startswith(mark):
             raise OSError(errno.EILSEQ, f"it is text in {name}; save it as UTF-8", str(path))
     try:
-        return found.decode("utf-8-sig")
+        return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise OSError(errno.EILSEQ, f"it is not UTF-8 text: {error}", str(path)) from None
 
@@ -54,12 +54,12 @@ def read_text(path: str | Path, most: int = LARGEST) -> str:
 def recorded(text: str, path: str | Path) -> dict[str, Any]:
     """The tables of a case that a run has written; ValueError if it is no JSON object."""
     try:
-        found = json.loads(text)
+        record = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path}: is not JSON of a case: {error}") from None
-    if not isinstance(found, dict):
+    if not isinstance(record, dict):
         raise ValueError(f"{path}: is not JSON of a case")
-    return found
+    return record
 
 
 def parsed(text: str, path: str | Path, several: frozenset[str]) -> dict[str, Any]:
@@ -76,8 +76,8 @@ def parsed(text: str, path: str | Path, several: frozenset[str]) -> dict[str, An
     except RecursionError:
         raise ValueError(f"{path}: is not a case: lists or tables are nested too deeply") from None
     except ValueError as error:  # TOMLDecodeError, and of int("...") with thousands of digits
-        found = re.search(r"at line (\d+)", str(error))
-        line = lines[int(found[1]) - 1].strip() if found and int(found[1]) <= len(lines) else ""
+        place = re.search(r"at line (\d+)", str(error))
+        line = lines[int(place[1]) - 1].strip() if place and int(place[1]) <= len(lines) else ""
         what = str(error).partition("; use sys.")[0]  # Python's advice on its limit of digits
         raise ValueError(f"{path}: is not TOML: {what}{_line(line)}{_hint(what, line, several)}") from None
 
@@ -128,15 +128,15 @@ def apply(tables: dict[str, Any], change: str) -> None:
 
 def named_files(tables: Mapping[str, Any]) -> dict[KeyPath, str]:
     """The names of the files of a case, by their place."""
-    found: dict[KeyPath, str] = {}
+    names: dict[KeyPath, str] = {}
     for top, keys in FILES.items():
         table = tables.get(top)
         given = {key: table.get(key) for key in keys} if isinstance(table, Mapping) else {}
-        found |= {(top, key): value for key, value in given.items() if isinstance(value, str)}
+        names |= {(top, key): value for key, value in given.items() if isinstance(value, str)}
     bodies = tables.get("body")
     for number, table in enumerate(bodies if isinstance(bodies, list | tuple) else ()):
         of_body = {key: table.get(key) for key in FILES["mesh"]} if isinstance(table, Mapping) else {}
-        found |= {("body", number, key): value for key, value in of_body.items() if isinstance(value, str)}
+        names |= {("body", number, key): value for key, value in of_body.items() if isinstance(value, str)}
     contact = tables.get("contact")
     several = isinstance(contact, list | tuple)
     for number, table in enumerate(contact if isinstance(contact, list | tuple) else [contact]):
@@ -144,8 +144,8 @@ def named_files(tables: Mapping[str, Any]) -> dict[KeyPath, str]:
             part = table.get(key) if isinstance(table, Mapping) else None
             name = part.get("file") if isinstance(part, Mapping) else None
             if isinstance(name, str):
-                found["contact", *((number,) if several else ()), key, "file"] = name
-    return found
+                names["contact", *((number,) if several else ()), key, "file"] = name
+    return names
 
 
 def rename_files(tables: dict[str, Any], names: Mapping[KeyPath, str]) -> None:

@@ -232,8 +232,8 @@ class TemperatureTable(Table):
 
         amplitude = amplitude_of(self.amplitude)
         if self.file is not None and self.field is not None:
-            found = coulomb.NodalField.from_file(self.file, self.field, self.scale)
-            return ThermalLoad(found, self.reference, amplitude)
+            field = coulomb.NodalField.from_file(self.file, self.field, self.scale)
+            return ThermalLoad(field, self.reference, amplitude)
         assert self.value is not None
         return ThermalLoad(coefficient(self.value), self.reference, amplitude)
 

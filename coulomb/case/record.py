@@ -147,7 +147,7 @@ def _shown(value: Any) -> str:
 def _digest(path: Path) -> str:
     """SHA-256 of a file, and of the files it names: HDF5 files in XDMF, included ones in Abaqus' format."""
     refuse_irregular(path)
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     files = [path]
     if path.suffix == ".xdmf":
         names = re.findall(r"([^\s<>:\"]+):/", path.read_text(encoding="utf-8", errors="replace"))
@@ -159,5 +159,5 @@ def _digest(path: Path) -> str:
     for file in files:
         if file == path or file.is_file():
             with file.open("rb") as stream:
-                found.update(hashlib.file_digest(stream, "sha256").digest())
-    return found.hexdigest()
+                digest.update(hashlib.file_digest(stream, "sha256").digest())
+    return digest.hexdigest()

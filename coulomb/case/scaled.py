@@ -44,7 +44,7 @@ def single_numbers(case: Case, names: Sequence[str]) -> dict[str, tuple[str, flo
     """Which of the inputs of these names are one number with a tolerance, by the place of this number: the input, and
     its change with the logarithm of the input."""
     places, before = [path for path, _ in tolerances(case)], dict(_numbers(case.model_dump()))
-    found = dict[str, tuple[str, float]]()
+    numbers = dict[str, tuple[str, float]]()
     for name in names if places else ():
         try:
             after = dict(_numbers(scaled(case, name, 2.0).model_dump()))
@@ -53,8 +53,8 @@ def single_numbers(case: Case, names: Sequence[str]) -> dict[str, tuple[str, flo
         changed = [path for path, value in after.items() if value != before.get(path)]
         for place in places:
             if changed and all(path[: len(place)] == place for path in changed):
-                found[called(place)] = name, after[changed[0]] - before[changed[0]]
-    return found
+                numbers[called(place)] = name, after[changed[0]] - before[changed[0]]
+    return numbers
 
 
 def _numbers(given: Any, path: KeyPath = ()) -> Iterator[tuple[KeyPath, Any]]:
@@ -119,17 +119,17 @@ def _known(case: Case, kind: str, face: str, factor: float) -> dict[str, Any]:
     }
     if kind in of_contacts or kind == "motion of the foundation":
         keys = of_contacts.get(kind, ())
-        found = changed(contacts, keys, here)
+        scaled = changed(contacts, keys, here)
         if kind in _OF_FRICTION:
-            found = tuple(
-                one.model_copy(update={"region": changed(one.region, keys)}) if here(one) else one for one in found
+            scaled = tuple(
+                one.model_copy(update={"region": changed(one.region, keys)}) if here(one) else one for one in scaled
             )
         if kind == "motion of the foundation":
-            found = tuple(_moved(one, factor) if here(one) else one for one in contacts)
+            scaled = tuple(_moved(contact, factor) if here(contact) else contact for contact in contacts)
         several = isinstance(case.contact, tuple)
         if sum(map(here, contacts)) > 1:
             raise NotScaled("the face is in several contacts")
-        return {"contact": found if several else found[0]} if any(map(here, contacts)) else {}
+        return {"contact": scaled if several else scaled[0]} if any(map(here, contacts)) else {}
     if kind in _HEAT:
         mine = [getattr(one, _HEAT[kind]) is not None and face in (one.face, one.body, "") for one in case.heat]
         if sum(mine) > 1:
@@ -141,13 +141,13 @@ def _known(case: Case, kind: str, face: str, factor: float) -> dict[str, Any]:
         ]
         return {"heat": tuple(warmer)} if any(mine) else {}
     if kind == "conductance":
-        found = tuple(
-            one.model_copy(update={"thermal": _times(one.thermal, ("conductance", "factor"), factor)})
-            if here(one) and one.thermal is not None
-            else one
-            for one in contacts
+        scaled = tuple(
+            contact.model_copy(update={"thermal": _times(contact.thermal, ("conductance", "factor"), factor)})
+            if here(contact) and contact.thermal is not None
+            else contact
+            for contact in contacts
         )
-        return {"contact": found if isinstance(case.contact, tuple) else found[0]}
+        return {"contact": scaled if isinstance(case.contact, tuple) else scaled[0]}
     if kind in _LOADS:
         tables, keys = _LOADS[kind]
         given = getattr(case, tables)
@@ -161,10 +161,10 @@ def _known(case: Case, kind: str, face: str, factor: float) -> dict[str, Any]:
     if kind == "gravity":
         return {"gravity": _product(case.gravity, factor)}
     if kind == "prescribed displacements":
-        found = {key: changed(getattr(case, key), ("value",)) for key in ("clamp", "prescribed_displacement")}
-        found["prescribed_rotation"] = changed(case.prescribed_rotation, ("angle",))
-        found["rigid_face"] = changed(case.rigid_face, ("translation", "rotation"))
-        return found
+        scaled = {key: changed(getattr(case, key), ("value",)) for key in ("clamp", "prescribed_displacement")}
+        scaled["prescribed_rotation"] = changed(case.prescribed_rotation, ("angle",))
+        scaled["rigid_face"] = changed(case.rigid_face, ("translation", "rotation"))
+        return scaled
     if kind == "pretension":
         return {"pretension": changed(case.pretension, ("force",))}
     if kind == "temperature change" and case.temperature is not None:
@@ -195,23 +195,23 @@ def _known(case: Case, kind: str, face: str, factor: float) -> dict[str, Any]:
 
 def _of_materials(given: Any, factor: float) -> Any:
     tables = given if isinstance(given, tuple) else (given,)
-    found = tuple(_times(one, ("young", "shear"), factor) for one in tables)
-    return found if isinstance(given, tuple) else found[0]
+    scaled = tuple(_times(table, ("young", "shear"), factor) for table in tables)
+    return scaled if isinstance(given, tuple) else scaled[0]
 
 
 def _times(table: Any, keys: Sequence[str], factor: float) -> Any:
     """A table with these of its values times a factor."""
-    found = {key: _product(getattr(table, key), factor) for key in keys if getattr(table, key, None) is not None}
-    return table.model_copy(update=found)
+    products = {key: _product(getattr(table, key), factor) for key in keys if getattr(table, key, None) is not None}
+    return table.model_copy(update=products)
 
 
 def _moved(table: Any, factor: float) -> Any:
     """A contact with the motion of its foundation, rows of time and translation or angle, times a factor."""
-    found = {} if table.motion is None else {"motion": _rows(table.motion, factor)}
+    update = {} if table.motion is None else {"motion": _rows(table.motion, factor)}
     if table.rotation is not None:
         turned = table.rotation.model_copy(update={"angle": _rows(table.rotation.angle, factor)})
-        found["rotation"] = turned
-    return table.model_copy(update=found)
+        update["rotation"] = turned
+    return table.model_copy(update=update)
 
 
 def _rows(given: Any, factor: float) -> Any:

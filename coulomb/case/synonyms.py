@@ -252,8 +252,8 @@ def meant(table: str, key: str, value: Any) -> Any:
         digits = value if isinstance(value, list) else [*map(int, re.findall(r"\d", value))] if value else []
         if isinstance(value, str) and "-" in value and len(digits) == 2:
             digits = list(range(digits[0], digits[1] + 1))
-        found = "".join(axis for number, axis in enumerate(_AXES, 1) if number in digits or axis in digits)
-        return found or None
+        components = "".join(axis for number, axis in enumerate(_AXES, 1) if number in digits or axis in digits)
+        return components or None
     if table == "units" and isinstance(value, str):
         return next((unit for unit, words in _NAMES_OF_UNITS.items() if value.lower() in words.split()), None)
     if key == "times" and isinstance(value, int | float):
@@ -275,8 +275,8 @@ def face_meant(name: str, faces: Collection[str]) -> str:
     """The face of these that another name stands for, or one that is written nearly so; empty if there is none."""
     body, colon, bare = name.rpartition(":")
     for face, words in _BOX_FACES.items():
-        if bare.lower() in words.split() and (found := f"{body}{colon}{face}") in faces:
-            return found
+        if bare.lower() in words.split() and (full_name := f"{body}{colon}{face}") in faces:
+            return full_name
     lower = {face.lower(): face for face in faces}
     close = difflib.get_close_matches(name.lower(), lower, n=1)
     return lower[close[0]] if close else ""
@@ -284,8 +284,8 @@ def face_meant(name: str, faces: Collection[str]) -> str:
 
 def _value(table: str, key: str, value: Any) -> Any:
     """A value as a key has it, from one in the words of another program."""
-    if key == "components" and (found := meant("", key, value)):
-        return found
+    if key == "components" and (components := meant("", key, value)):
+        return components
     if key == "format":
         return ["xdmf", "vtkhdf"]
     if key == "cell" and isinstance(value, str):

@@ -64,8 +64,8 @@ class Table(BaseModel):
 
     @model_serializer(mode="wrap")
     def _dumped(self, dumped: Any) -> dict[str, Any]:
-        found: dict[str, Any] = dumped(self)
-        return found | {f"{key}{TOLERANCE}": value for key, value in self._tolerances.items()}
+        keys: dict[str, Any] = dumped(self)
+        return keys | {f"{key}{TOLERANCE}": value for key, value in self._tolerances.items()}
 
 
 def _tolerance(key: str, given: dict[str, Any], of: str) -> float | tuple[float, ...]:

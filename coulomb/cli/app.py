@@ -156,8 +156,8 @@ def _too_large(settings: Case, target: Path) -> bool:
 
     def outside() -> bool:
         with suppress(OSError, ValueError):
-            found = RunDirectory(target).read_summary()
-            of = found["history"]["outside"] if "history" in found else found.get("small_strain")
+            summary = RunDirectory(target).read_summary()
+            of = summary["history"]["outside"] if "history" in summary else summary.get("small_strain")
             texts = (of or {}).get("violations", [])
             return any("large" in text or "nodes opposite" in text for text in texts)
         return False
@@ -382,9 +382,9 @@ def check(directory: Annotated[Path, typer.Argument(help="Directory of the resul
 
     finish_for_reader(directory)
     with bad_input():
-        found = check_files(directory, say=_console.out)
-    _console.out(found.ending)
-    if not found.passed:
+        report = check_files(directory, say=_console.out)
+    _console.out(report.ending)
+    if not report.passed:
         raise typer.Exit(FAILED)
 
 

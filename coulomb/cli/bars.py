@@ -84,9 +84,9 @@ class Sensitivities:
         if self._settings.output.verify and (history is None or solution.time >= history.ends[-1]):
             verify = TaylorTest(self._settings, solution)
             for one, entry in zip(self._found, entries["sensitivity"], strict=True):
-                entry["verified"] = found = verify.of(one)
-                if found["passed"] is False:
-                    errors.out(f"warning: the sensitivity to {one.name}: {found['words']}")
+                entry["verified"] = verdict = verify.of(one)
+                if verdict["passed"] is False:
+                    errors.out(f"warning: the sensitivity to {one.name}: {verdict['words']}")
         return entries
 
     def _of(self, solution: Solution) -> list[Sensitivity]:
@@ -119,9 +119,9 @@ class Sensitivities:
         self._posed |= {name: cache(partial(posed, name)) for name in self._others if name not in self._posed}
         return {name: self._posed[name] for name in self._others}
 
-    def _no_inputs(self, found: Sequence[Sensitivity]) -> list[str]:
+    def _no_inputs(self, sensitivities: Sequence[Sensitivity]) -> list[str]:
         """The places of numbers with tolerances that are no input by themselves."""
-        known = single_numbers(self._settings, [one.name for one in found])
+        known = single_numbers(self._settings, [sensitivity.name for sensitivity in sensitivities])
         return [called(path) for path, _ in self._tolerances if called(path) not in known]
 
     def _bars(self, solution: Solution) -> dict[str, Any]:
@@ -182,13 +182,13 @@ class TaylorTest:
             return {"passed": None, "words": f"not verified: {failure}"}
         of_answer, percent = left[0], f"{100.0 * h:.2g} %"
         order = math.log2(left[0] / left[1]) if left[1] > 0.0 else math.inf
-        found = {"change": h, "remainder": of_answer, "order": order if math.isfinite(order) else None}
+        test = {"change": h, "remainder": of_answer, "order": order if math.isfinite(order) else None}
         if of_answer <= _OF_ANSWER:
-            return {**found, "passed": True, "words": f"verified: linear to {of_answer:.0e} up to {percent}"}
+            return {**test, "passed": True, "words": f"verified: linear to {of_answer:.0e} up to {percent}"}
         what = "forces, displacements and heat flows" if powers else "forces and displacements"
         words = f"{of_answer:.1e} of {what} is left over at {percent}, of order {order:.2f}"
         passed = order >= _SECOND
-        return {**found, "passed": passed, "words": f"{'verified' if passed else 'NOT VERIFIED'}: {words}"}
+        return {**test, "passed": passed, "words": f"{'verified' if passed else 'NOT VERIFIED'}: {words}"}
 
     @cached_property
     def _before(self) -> tuple[FloatArray, ...]:
@@ -201,12 +201,12 @@ class TaylorTest:
         with without_remarks():
             problem = case.problem(self._like.problem.comm)
             if case.history is None:
-                found = problem.solve(tolerance, case.contact_solver())
+                answer = problem.solve(tolerance, case.contact_solver())
             else:
                 *_, last = replace(case.load_history(), tolerance=tolerance).steps(problem)
-                found = last.solution
-            powers = [] if found.heat is None else [flow.power for flow in found.heat.flows]
-            return found.contact_force, found.displacement.ravel(), self._once(powers)
+                answer = last.solution
+            powers = [] if answer.heat is None else [flow.power for flow in answer.heat.flows]
+            return answer.contact_force, answer.displacement.ravel(), self._once(powers)
 
     def _once(self, shared: Sequence[float]) -> FloatArray:
         """What every rank has, on one of them."""
@@ -234,12 +234,12 @@ def _entry(one: Sensitivity) -> dict[str, Any]:
     return {"input": one.name, "totals": one.totals, **one.others, "step": step, "border": one.border}
 
 
-def sensitivity_entries(found: Sequence[Sensitivity]) -> dict[str, Any]:
+def sensitivity_entries(sensitivities: Sequence[Sensitivity]) -> dict[str, Any]:
     """Of summary.json: `sensitivity`, where a step without end is null, and `sensitivity_condition`."""
     return {
-        "sensitivity_condition": found[0].condition._asdict() if found else None,
+        "sensitivity_condition": sensitivities[0].condition._asdict() if sensitivities else None,
         "sensitivity": [
-            {**_entry(one), "falling": _entry(one.falling)} if one.falling else _entry(one) for one in found
+            {**_entry(one), "falling": _entry(one.falling)} if one.falling else _entry(one) for one in sensitivities
         ],
     }
 
@@ -248,10 +248,10 @@ _Part = tuple[Sensitivity, float]
 """An input, and its tolerance over it."""
 
 
-def input_bars(found: Sequence[Sensitivity], parts: Sequence[_Part]) -> dict[str, Any]:
+def input_bars(sensitivities: Sequence[Sensitivity], parts: Sequence[_Part]) -> dict[str, Any]:
     """Of summary.json: `input_bars` of contacts and `other_input_bars`, the root of the sum of the squares of what the
     tolerance of each input does to the totals, on the side where it does more."""
-    bars = parts or [(found[0], 0.0)]
+    bars = parts or [(sensitivities[0], 0.0)]
     each = [(one, one.falling or one) for one, _ in bars]
 
     def together(given: list[Any]) -> Any:
@@ -263,7 +263,7 @@ def input_bars(found: Sequence[Sensitivity], parts: Sequence[_Part]) -> dict[str
             face: {
                 total: together([[side.totals[face][total] for side in sides] for sides in each]) for total in totals
             }
-            for face, totals in found[0].totals.items()
+            for face, totals in sensitivities[0].totals.items()
         },
         "other_input_bars": {
             kind: {
@@ -274,7 +274,7 @@ def input_bars(found: Sequence[Sensitivity], parts: Sequence[_Part]) -> dict[str
                 }
                 for name, totals in named.items()
             }
-            for kind, named in found[0].others.items()
+            for kind, named in sensitivities[0].others.items()
             if all(kind in one.others for one, _ in bars)  # probes have none along lengths
         },
     }

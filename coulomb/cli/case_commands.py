@@ -228,17 +228,17 @@ def convert(
     with bad_input():
         known_format(mesh)
         try:
-            found = inspect(read_file(str(mesh), {}, {}), 1.0, MPI.COMM_SELF)
+            inspected = inspect(read_file(str(mesh), {}, {}), 1.0, MPI.COMM_SELF)
         except OSError as error:
             raise ValueError(f"{error.filename or mesh}: cannot be read: {error.strerror or error}") from None
-    for reason in found.refused.values():
+    for reason in inspected.refused.values():
         errors.out(f"warning: not converted: {reason}")
     try:
-        write(found, file)
+        write(inspected, file)
     except OSError as error:
         fail(f"{file}: cannot be written: {error.strerror or error}", FAILED)
-    faces, groups = (", ".join(of) or "none" for of in (found.face_groups, found.cell_groups))
+    faces, groups = (", ".join(of) or "none" for of in (inspected.face_groups, inspected.cell_groups))
     console.out(
-        f"{file} and {file.with_suffix('.h5').name} written: {len(found.cells)} cells; faces: {faces}; "
+        f"{file} and {file.with_suffix('.h5').name} written: {len(inspected.cells)} cells; faces: {faces}; "
         f"groups of cells: {groups}"
     )

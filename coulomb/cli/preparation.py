@@ -49,8 +49,8 @@ def prepared(settings: Case, target: Path, force: bool, resume: bool = False) ->
 
 def refuse_unwritable(target: Path) -> None:
     """A ValueError on every rank if a directory cannot be made or written to; collective."""
-    if found := on_rank_0(MPI.COMM_WORLD, lambda: unwritable(target)):
-        raise ValueError(f"output {target}: cannot be written: {found}; choose another (--output)")
+    if reason := on_rank_0(MPI.COMM_WORLD, lambda: unwritable(target)):
+        raise ValueError(f"output {target}: cannot be written: {reason}; choose another (--output)")
 
 
 # --- memory -------------------------------------------------------------------------------------------------------

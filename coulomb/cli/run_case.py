@@ -162,35 +162,35 @@ def _refine(session: Session, settings: Case, problem: ContactProblem, refinemen
     to, totals, unknowns = refinement
     display = Display(session.console, changing=True)
 
-    def so_far(found: Refined) -> str:
-        known = "no error bars yet" if found.bars is None else f"error bars of {100.0 * found.largest:.2g} %"
+    def so_far(refined: Refined) -> str:
+        known = "no error bars yet" if refined.bars is None else f"error bars of {100.0 * refined.largest:.2g} %"
         return f"{known}, {100.0 * to:.2g} % was asked for"
 
-    def say(found: Refined, stress: float) -> None:
-        sizes, bars = found.solution.problem.unknowns, ""
-        if math.isfinite(found.largest):
-            bars = f", error bars up to {100.0 * found.largest:.2g} % of the totals"
+    def say(refined: Refined, stress: float) -> None:
+        sizes, bars = refined.solution.problem.unknowns, ""
+        if math.isfinite(refined.largest):
+            bars = f", error bars up to {100.0 * refined.largest:.2g} % of the totals"
         session.console.out(
             f"mesh of {sizes['displacement']} displacement and {sizes['contact']} contact unknowns: "
             f"error of the stress {100.0 * stress:.2g} %{bars}"
         )
-        found.solution.problem.seconds["total"] = time.perf_counter() - session.began
-        with suppress(OSError), refined_case(settings, found.solution, target) as (case, files, mesh):
-            extra = {"message": f"not finished: {so_far(found)}", "mesh_files": files, **_entry(found)}
-            _write(session, found.solution, target, extra, case, mesh)
+        refined.solution.problem.seconds["total"] = time.perf_counter() - session.began
+        with suppress(OSError), refined_case(settings, refined.solution, target) as (case, files, mesh):
+            extra = {"message": f"not finished: {so_far(refined)}", "mesh_files": files, **_entry(refined)}
+            _write(session, refined.solution, target, extra, case, mesh)
 
     with display, bad_input():
         solver, progress = settings.contact_solver(), session.progress(display)
         try:
-            found = refine(problem, to, totals, unknowns, settings.solver.tolerance, solver, progress, say)
+            refined = refine(problem, to, totals, unknowns, settings.solver.tolerance, solver, progress, say)
         except NotConverged as failure:
             return Refined(problem.solution(failure.result), None, math.inf, f"{failure}; no mesh was refined")
-    return replace(found, trouble=f"{so_far(found)}: {found.trouble}") if found.trouble else found
+    return replace(refined, trouble=f"{so_far(refined)}: {refined.trouble}") if refined.trouble else refined
 
 
-def _entry(found: Refined) -> dict[str, Any]:
+def _entry(refined: Refined) -> dict[str, Any]:
     """The entry `error` of summary.json, if there are bars."""
-    return {} if found.bars is None else {"error": found.bars.entry()}
+    return {} if refined.bars is None else {"error": refined.bars.entry()}
 
 
 def _write_and_report(

@@ -45,10 +45,10 @@ class Session:
     def progress(self, display: Display) -> ProgressCallback:
         """Callback that shows a step, logs it, and returns whether to stop."""
 
-        def progress(at: Progress) -> bool:
+        def progress(state: Progress) -> bool:
             try:
-                display(at)
-                self.log.step(at)
+                display(state)
+                self.log.step(state)
             finally:  # also where this rank fails, since the others ask
                 stop = self.interruption.asked()
             return stop

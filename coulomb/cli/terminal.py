@@ -262,9 +262,9 @@ def show_sensitivity(console: Console, contents: dict[str, Any]) -> None:
     entries = contents.get("sensitivity") or []
     for place, reason in contents.get("without_bar", {}).items():
         errors.out(f"warning: output.sensitivity: no bar has the tolerance of {place}, without derivatives: {reason}")
-    width = max(map(len, ("with the tolerances given", *(one["input"] for one in entries))))
+    width = max(map(len, ("with the tolerances given", *(entry["input"] for entry in entries))))
     for face in entries[0]["totals"] if entries else ():
-        totals = [(one, one["totals"][face]) for one in entries]
+        totals = [(entry, entry["totals"][face]) for entry in entries]
         totals.sort(key=lambda row: -np.hypot(row[1]["normal_force"], row[1]["friction_force"]))
         least = {"N": _NOTHING * max(np.hypot(row["normal_force"], row["friction_force"]) for _, row in totals)}
         console.out(f"1 % more of an input does to the forces of {face!r} (to first order, and up to where):")
@@ -287,7 +287,7 @@ def show_sensitivity(console: Console, contents: dict[str, Any]) -> None:
         for given, change in list(changes.items())[:_LINES]:
             of_one = vector(change, unit) if len(change) > 1 else quantity(change[0], unit)
             console.out(f"  {given:<{width}} {plain(of_one)}")
-    if tied := [repr(one["input"]) for one in entries if "falling" in one and not one["border"]]:
+    if tied := [repr(entry["input"]) for entry in entries if "falling" in entry and not entry["border"]]:
         console.out(f"tied largest values and sizes of 0 change otherwise as {in_few(tied)} falls: see summary.json")
     if condition := contents.get("sensitivity_condition"):
         console.out(f"condition of the equations of these: {condition['number']:.0e}")
@@ -337,13 +337,13 @@ def changes_in_words(case: Case, before: float, time: float) -> str:
     return in_few(changed, 2)
 
 
-def _driven(key: str, table: Any, at: FloatArray) -> str:
+def _driven(key: str, table: Any, times: FloatArray) -> str:
     """A load, support or motion of a case with its factor, or its translation, `at` a time."""
 
     def along(value: Any, unit: str, components: str = "xyz") -> str:
         if any(isinstance(one, str) for one in value):
-            return f"times {at[0]:.4g}"
-        part = [factor * one for factor, one in zip(np.resize(at, 3), value, strict=True)]
+            return f"times {times[0]:.4g}"
+        part = [factor * one for factor, one in zip(np.resize(times, 3), value, strict=True)]
         named = [(axis, by) for axis, by, one in zip("xyz", part, value, strict=True) if axis in components and one]
         if len(named) == 1 and components != "normal":
             return f"{named[0][0]} {plain(quantity(named[0][1], unit))}"
@@ -351,13 +351,13 @@ def _driven(key: str, table: Any, at: FloatArray) -> str:
 
     match table:
         case PrescribedRotationTable():
-            return f"{table.face!r} turned {np.degrees(at[0] * table.angle):.4g} deg"
+            return f"{table.face!r} turned {np.degrees(times[0] * table.angle):.4g} deg"
         case PrescribedDisplacementTable():
             return f"{table.face!r} {along(table.value, 'm', table.components)}"
         case TractionTable():
             return f"traction on {table.face!r} {along(table.value, 'Pa')}"
         case PressureTable() if not isinstance(table.value, str):
-            return f"pressure on {table.face!r} {plain(quantity(at[0] * table.value, 'Pa'))}"
+            return f"pressure on {table.face!r} {plain(quantity(times[0] * table.value, 'Pa'))}"
         case TotalForceTable():
             return f"force on {table.face!r} {along(table.force, 'N')}"
         case PointLoadTable():
@@ -366,13 +366,13 @@ def _driven(key: str, table: Any, at: FloatArray) -> str:
                 f"{name} on {table.face!r} {along(size, unit)}" for name, size, unit in sizes if any(size)
             )
         case PretensionTable() if table.force is not None:
-            return f"bolt {table.face!r} {plain(quantity(at[0] * table.force, 'N'))}"
+            return f"bolt {table.face!r} {plain(quantity(times[0] * table.force, 'N'))}"
         case RotationTable():
-            return f"foundation turned {np.degrees(at[0]):.4g} deg"
-        case ContactTable() if table.motion and len(at) == 3:
+            return f"foundation turned {np.degrees(times[0]):.4g} deg"
+        case ContactTable() if table.motion and len(times) == 3:
             moving = np.any(np.array(rows_of(table.motion))[:, 1:], axis=0).astype(float)
             return f"foundation of {table.face!r} {along(moving, 'm')}"
-    return f"{key.removesuffix('amplitude').strip('._')} times {at[0]:.4g}"
+    return f"{key.removesuffix('amplitude').strip('._')} times {times[0]:.4g}"
 
 
 _ENERGIES: Final = {

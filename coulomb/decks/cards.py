@@ -288,12 +288,12 @@ def _pieces(path: str, depth: int = 0) -> Iterator[tuple[str, int, str, bool]]:
         raise ValueError(f"{path}: *INCLUDE: more than {_INCLUDES} files inside each other")
     text = read_bytes(path).decode("utf-8-sig", "replace").replace("\r\n", "\n").replace("\r", "\n")
     number, begin = 1, 0
-    for found in _KEYWORD.finditer(text):
-        between = text[begin : found.start()]
+    for keyword in _KEYWORD.finditer(text):
+        between = text[begin : keyword.start()]
         if between.strip():
             yield path, number, between, False
-        number += text.count("\n", begin, found.start())
-        line, begin = found[0].strip(), found.end()
+        number += text.count("\n", begin, keyword.start())
+        line, begin = keyword[0].strip(), keyword.end()
         if _INCLUDE.match(line):
             named = _INPUT.search(line)
             if named is None:

@@ -308,13 +308,13 @@ class Constraints:
     def _sector(self, tie: Card) -> dict[str, Any]:
         """The axis and the number of sectors of a *TIE, CYCLIC SYMMETRY."""
         models = [card for card in self._of.model if card.kind == "CYCLICSYMMETRYMODEL"]
-        found = [card for card in models if card.key("TIE") in ("", tie.key("NAME"))]
-        if not found:
+        sectors = [card for card in models if card.key("TIE") in ("", tie.key("NAME"))]
+        if not sectors:
             raise tie.fault("there is no *CYCLIC SYMMETRY MODEL with N and the axis")
-        a, b = np.split(found[0].vector(0, 6), 2)
-        count = int(found[0].setting("N"))
+        a, b = np.split(sectors[0].vector(0, 6), 2)
+        count = int(sectors[0].setting("N"))
         if count < 2:
-            raise found[0].fault("needs N, the number of sectors")
+            raise sectors[0].fault("needs N, the number of sectors")
         return {"point": a.tolist(), "axis": (b - a).tolist(), "sectors": count}
 
     def _prescribed(self, tables: dict[str, list[dict[str, Any]]]) -> None:

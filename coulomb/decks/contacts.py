@@ -76,7 +76,7 @@ def general_contact(of: Reading) -> dict[str, Any]:
 
 def _included(of: Reading) -> list[tuple[Card, int, list[str], str]]:
     """The pairs of surfaces of Abaqus' general contact: card and line, the two, and the interaction."""
-    found, assigned = [], _assigned(of)
+    cards, assigned = [], _assigned(of)
     for card in of.model:
         if card.kind == "CONTACTINCLUSIONS" and "ALLEXTERIOR" not in card.parameters:
             for row in range(len(card.lines)):
@@ -86,8 +86,8 @@ def _included(of: Reading) -> list[tuple[Card, int, list[str], str]]:
                 keys = key_of(words[0]), key_of(words[1])
                 alone = [(keys[0], "")] if keys[0] == keys[1] else []
                 own = next((assigned[pair] for pair in (keys, keys[::-1], *alone, ("", "")) if pair in assigned), None)
-                found.append((card, row, words, "" if own is None else own[2]))
-    return found
+                cards.append((card, row, words, "" if own is None else own[2]))
+    return cards
 
 
 def _both(words: Sequence[str]) -> list[str]:
@@ -140,7 +140,7 @@ def _read_pairs(of: Reading) -> list[_Pair]:
     interactions = _interactions(of)
     _refuse_strangers(of, interactions)
     clearances = dict(_clearance(card) for card in of.model if card.kind == "CLEARANCE")
-    found: list[_Pair] = []
+    read: list[_Pair] = []
     for card, row, words, called in _given_pairs(of):
         if called not in interactions and (called or card.kind == "CONTACTPAIR"):
             raise card.lacks("*SURFACE INTERACTION", card.get("INTERACTION", called), interactions)
@@ -172,10 +172,10 @@ def _read_pairs(of: Reading) -> list[_Pair]:
         table = faces | ({"slave": True} if ties else {}) | _friction(of, interaction, called) | thermal
         table |= _adjusted(of, card, None if clearance is None else clearance[1])
         table |= _taken_out(of, course, table.get("gap", 0.0))
-        found.append((None if kinds == {"tied"} else table, ties))
+        read.append((None if kinds == {"tied"} else table, ties))
     for card, _ in clearances.values():
         raise card.fault("there is no *CONTACT PAIR of these surfaces")
-    return found
+    return read
 
 
 def _course(
@@ -235,18 +235,18 @@ def _surface(of: Reading, name: str, card: Card, row: int) -> str:
 
 
 def _interactions(of: Reading) -> dict[str, _Interaction]:
-    found: dict[str, _Interaction] = {}
+    interactions: dict[str, _Interaction] = {}
     now: _Interaction | None = None
     for card in of.model:
         if card.kind == "SURFACEINTERACTION":
-            now = found.setdefault(card.key("NAME"), _Interaction())
+            now = interactions.setdefault(card.key("NAME"), _Interaction())
         elif card.kind == "SURFACEBEHAVIOR" and now is not None:
             now.behavior = card
         elif card.kind == "FRICTION" and now is not None:
             now.friction = card
         elif card.kind == "GAPCONDUCTANCE" and now is not None:
             now.conductance = card
-    return found
+    return interactions
 
 
 def _changes(of: Reading, kind: str, interaction: str) -> Iterator[tuple[Step, Card]]:
@@ -331,8 +331,8 @@ def _least_slope(card: Card) -> float:
 
 def _moduli(of: Reading) -> list[float]:
     """The first constant of every elastic material, Young's modulus at small strains of every hyperelastic one."""
-    found = [modulus_of(one) for one in of.model if one.kind in ("ELASTIC", "HYPERELASTIC") and one.lines]
-    return [one for one in found if one > 0.0]
+    moduli = [modulus_of(one) for one in of.model if one.kind in ("ELASTIC", "HYPERELASTIC") and one.lines]
+    return [one for one in moduli if one > 0.0]
 
 
 def _edge(of: Reading) -> float:

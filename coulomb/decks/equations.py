@@ -66,11 +66,11 @@ class Equations:
                 raise card.fault("sets of an equation must have as many nodes as the first, or one", first)
             each = [np.broadcast_to(nodes, size) for nodes, _, _ in terms]
             for of_one in zip(*map(as_list, each), strict=True):
-                found: _Terms = {}
+                coefficients: _Terms = {}
                 for node, (_, dof, coefficient) in zip(of_one, terms, strict=True):
                     for axis, part in self._along(node, dof):
-                        found[node, axis] = found.get((node, axis), 0.0) + coefficient * part
-                self._add(found)
+                        coefficients[node, axis] = coefficients.get((node, axis), 0.0) + coefficient * part
+                self._add(coefficients)
 
     def _along(self, node: int, dof: int) -> list[tuple[int, float]]:
         """The axes and parts of a degree of freedom, of a node with a *TRANSFORM several, the largest first; of
@@ -140,8 +140,8 @@ class Equations:
                 kind, nodes, first, words = key_of(words[0]), none, row, words[1:]
             if not kind:
                 raise card.fault(f"of kind {words[0]} is not read: PLANE and STRAIGHT are", row)
-            found = [self._of.node_numbers(word, card, row) for word in words if word]
-            nodes = np.concatenate([nodes, *found])
+            named = [self._of.node_numbers(word, card, row) for word in words if word]
+            nodes = np.concatenate([nodes, *named])
             self._refuse_other_nodes(nodes, card, row)
         self._stay(kind, nodes, card, first)
 
@@ -209,7 +209,7 @@ class Equations:
             kind = tuple(("xyz"[dof - 1], value) for (node, dof), value in terms.items() if (node, dof) not in held)
             key = kind, constant if any(at for _, at in constant) else None
             kinds.setdefault(key, []).append([node for node, dof in terms if (node, dof) not in held])
-        found: dict[str, list[dict[str, Any]]] = {}
+        tables: dict[str, list[dict[str, Any]]] = {}
         for (kind, moved_by), rows_of_nodes in kinds.items():
             terms_of = [
                 {"nodes": [self._called(node) for node in nodes], "component": component, "coefficient": coefficient}
@@ -218,15 +218,15 @@ class Equations:
             table: dict[str, Any] = {"terms": terms_of}
             if moved_by is not None:
                 self._of.timed(table, "constant", moved_by)
-            found.setdefault("equation", []).append(table)
+            tables.setdefault("equation", []).append(table)
         for (node, dof), given in forces.items():
             for rows, factor in given:
                 value, timed = self._of.course(rows)
                 if value * factor == 0.0:
                     continue
                 force = [value * factor if dof == k else 0.0 for k in (1, 2, 3)]
-                found.setdefault("nodal_force", []).append({"nodes": [self._called(node)], "force": force, **timed})
-        return found
+                tables.setdefault("nodal_force", []).append({"nodes": [self._called(node)], "force": force, **timed})
+        return tables
 
     def _without_references(self, held: dict[Dof, Rows], forces: dict[Dof, list[tuple[Rows, float]]]) -> list[_Terms]:
         """The equations in which no reference node is free: each follows from the equation with its largest

@@ -304,8 +304,8 @@ class Geometry:
     def place_of(self, name: str) -> str:
         """File and line where a card first has a name or a number, as messages begin; of no card the file."""
         bare = name.rpartition(".")[2]
-        found = (card.place_of(word) for word in (name, bare) for card in self.cards if card.kind != "NODE")
-        return next(filter(None, found), self.path)
+        places = (card.place_of(word) for word in (name, bare) for card in self.cards if card.kind != "NODE")
+        return next(filter(None, places), self.path)
 
     def called(self, number: int) -> str:
         """The number of a node or an element as the deck has it, with its instance."""
@@ -354,25 +354,25 @@ class Geometry:
             return numbers
         if self._place is not None:
             inside = (numbers >= 0) & (numbers < len(self._place))
-            found: IntArray = self._place[np.where(inside, numbers, 0)]
-            missing = ~inside | (found < 0)
+            place: IntArray = self._place[np.where(inside, numbers, 0)]
+            missing = ~inside | (place < 0)
         else:
             order = np.argsort(tags, kind="stable")
-            found = order[np.minimum(np.searchsorted(tags, numbers, sorter=order), len(tags) - 1)]
-            missing = tags[found] != numbers
+            place = order[np.minimum(np.searchsorted(tags, numbers, sorter=order), len(tags) - 1)]
+            missing = tags[place] != numbers
         if np.any(missing):
             node = self.called(int(numbers[missing].flat[0]))
             raise ValueError(f"{self.place_of(node)}: node {node} is not defined; is the file whole?")
-        return found
+        return place
 
     def rows_of(self, kind: re.Pattern[str]) -> dict[int, IntArray]:
         """Elements of the types that match a pattern by their number of nodes: rows of number and nodes."""
-        found: dict[int, list[IntArray]] = {}
+        blocks_of: dict[int, list[IntArray]] = {}
         for name, blocks in self.elements.items():
             match = kind.match(name)
             if match:
-                found.setdefault(int(match[1]), []).extend(blocks)
-        return {width: np.vstack(blocks) for width, blocks in found.items()}
+                blocks_of.setdefault(int(match[1]), []).extend(blocks)
+        return {width: np.vstack(blocks) for width, blocks in blocks_of.items()}
 
     @cached_property
     def solids(self) -> dict[int, IntArray]:
@@ -416,7 +416,7 @@ class Geometry:
         widths = np.concatenate([np.full(len(rows), width) for width, rows in self.solids.items()])
         numbers = np.concatenate([rows[:, 0] for rows in self.solids.values()])
         component = self._components()
-        found: dict[str, list[IntArray]] = {}
+        cells_of: dict[str, list[IntArray]] = {}
         if self.section:
             return {self.section: numbers}
         hexahedra = np.isin(widths, (8, 20, 27))
@@ -428,8 +428,8 @@ class Geometry:
             for shape, shaped in (("hexahedra", all_hexahedra), ("tetrahedra", ~all_hexahedra)):
                 mine = (ordered & shaped)[component]
                 if np.any(mine):
-                    found[f"{order}_order_{shape}"] = [numbers[mine]]
-        return {name: np.concatenate(parts) for name, parts in found.items()}
+                    cells_of[f"{order}_order_{shape}"] = [numbers[mine]]
+        return {name: np.concatenate(parts) for name, parts in cells_of.items()}
 
     def _components(self) -> IntArray:
         """The component of every solid element, in the order of `solids`."""
@@ -490,8 +490,8 @@ def read_geometry(path: str, again: bool = False) -> Geometry:
     """
     state = os.stat(path)
     key = str(path), state.st_mtime_ns, state.st_size
-    found = _KEPT.pop(key, None) or Geometry(path)
+    geometry = _KEPT.pop(key, None) or Geometry(path)
     _KEPT.clear()
     if again:
-        _KEPT[key] = found
-    return found
+        _KEPT[key] = geometry
+    return geometry

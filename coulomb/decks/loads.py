@@ -162,7 +162,7 @@ class Loads:
     def _force(self, kind: str, numbers: tuple[float, ...], value: float, density: float) -> list[float | str]:
         """Of a load of such a value: per volume, with a density per mass for those that are given so."""
         if kind == "GRAV":
-            return [density * value * one for one in numbers]
+            return [density * value * number for number in numbers]
         if kind == "CENTRIF":
             a, axis = np.split(np.array(numbers[:6]), 2)
             return [f"{density * value!r}*({part})" for part in radial_direction(a, a + axis)]
@@ -194,4 +194,4 @@ class Loads:
 
 def _unit(numbers: tuple[float, ...]) -> tuple[float, ...]:
     size = math.hypot(*numbers)
-    return tuple(one / size for one in numbers)
+    return tuple(number / size for number in numbers)

@@ -60,10 +60,10 @@ def corners_of_sides(
 ) -> IntArray:
     """Places of the corners of these sides among `deck.points`, shape (f, 4), the last one again where there are fewer;
     without a side those that no other element has."""
-    found: list[IntArray] = [np.empty((0, 4), dtype=np.int64)]
+    sides_of: list[IntArray] = [np.empty((0, 4), dtype=np.int64)]
     for nodes, table in named_sides(deck, rows, what, side):
-        found += [deck.places(nodes[:, [*corners, *corners[-1:] * 2][:4]]) for corners in table]
-    sides: IntArray = np.vstack(found)
+        sides_of += [deck.places(nodes[:, [*corners, *corners[-1:] * 2][:4]]) for corners in table]
+    sides: IntArray = np.vstack(sides_of)
     if side:
         return sides
     if what is not None:
@@ -96,7 +96,7 @@ def facets_with_nodes(deck: Geometry, name: str) -> IntArray | None:
     corners[facets[touched]] = True
     if np.all(on_whole[among & corners]):
         return None
-    lines = [line for one in masters for line in one.lines]
+    lines = [line for master in masters for line in master.lines]
     opposite = np.vstack([facets[:0], *(corners_of_sides(deck, deck.solids, what, side) for what, side in lines)])
     near: IntArray = facets[touched]
     if len(opposite) and len(near):

@@ -183,7 +183,7 @@ class NodalTables:
             return [held | ({"value": [value if dof in dofs else 0.0 for dof in (1, 2, 3)]} if value else {})]
         if dofs == [1, 2, 3] and not value:
             return [{"components": "xyz"}]
-        found = []
+        tables = []
         for dof in dofs:
             along = _axes(frame)[dof - 1]
             table: dict[str, Any] = {"direction": along}
@@ -194,8 +194,8 @@ class NodalTables:
                 else:
                     unit = np.array(along, dtype=np.float64) / np.linalg.norm(np.array(along, dtype=np.float64))
                     table["value"] = [float(one) for one in value * unit]
-            found.append(table)
-        return found
+            tables.append(table)
+        return tables
 
     def _in_space(self, nodes: Any, force: FloatArray, frame: Card | None) -> Iterator[tuple[Any, FloatArray]]:
         """Nodes with their force along x, y and z: all with the same, but around the axis of a cylinder each with its

@@ -75,10 +75,10 @@ class Reading:
         name = f"{owner}.{label}" if owner and f"{owner}.{label}" in self.deck.node_sets else label
         if name not in self.deck.node_sets:
             raise card.lacks("node set", word, self.deck.node_sets.names, row)
-        found = self.deck.node_sets.listed(name)
-        if not len(found):
+        numbers = self.deck.node_sets.listed(name)
+        if not len(numbers):
             raise card.fault(f"the node set {word!r} is empty", row)
-        return found
+        return numbers
 
     def body_of(self, elements: IntArray, what: str) -> str:
         """ "NAME:" of the body of some elements, "" for one alone."""
@@ -121,13 +121,13 @@ class Reading:
     @cached_property
     def frames(self) -> dict[int, Card]:
         """The *TRANSFORM of every node that has one."""
-        found: dict[int, Card] = {}
+        card_of: dict[int, Card] = {}
         for card in self.model:
             if card.kind == "TRANSFORM":
                 if card.key("TYPE") not in ("", "R", "C"):
                     raise card.fault(f"TYPE={card.get('TYPE')} is not read, R and C are")
-                found.update(dict.fromkeys(as_list(self.node_numbers(card.needs("NSET"), card, None)), card))
-        return found
+                card_of.update(dict.fromkeys(as_list(self.node_numbers(card.needs("NSET"), card, None)), card))
+        return card_of
 
     def elements_at(self, nodes: IntArray) -> IntArray:
         """Numbers of the solid elements with one of these nodes."""
@@ -137,7 +137,7 @@ class Reading:
     @cached_property
     def amplitudes(self) -> dict[str, Amplitude]:
         """The curves of *AMPLITUDE cards by name."""
-        found = {}
+        amplitudes = {}
         for card in self.deck.others:
             if card.kind == "AMPLITUDE":
                 kind, meant = card.key("DEFINITION") or "TABULAR", card.key("VALUE") or "RELATIVE"
@@ -148,7 +148,7 @@ class Reading:
                 total = card.key("TIME") == "TOTALTIME"
                 if kind == "PERIODIC":
                     spans = (step.end - (0.0 if total else step.begin) for step in self.steps)
-                    found[card.key("NAME")] = Amplitude(periodic(card, max(spans)), total)
+                    amplitudes[card.key("NAME")] = Amplitude(periodic(card, max(spans)), total)
                     continue
                 values = card.floats() if card.lines else np.empty(0)
                 if len(values) % 2 or not len(values):
@@ -159,8 +159,8 @@ class Reading:
                 pairs = values.reshape(-1, 2) + (shift_x, shift_y)
                 rows = tuple((float(t), float(v)) for t, v in pairs)
                 rows = smooth(rows) if kind == "SMOOTHSTEP" else rows
-                found[card.key("NAME")] = Amplitude(rows, total)
-        return found
+                amplitudes[card.key("NAME")] = Amplitude(rows, total)
+        return amplitudes
 
     def amplitude(self, card: Card) -> Amplitude | None:
         """The curve that a card names."""

@@ -102,8 +102,8 @@ def unqualified(known: dict[str, _Named], instances: Iterable[str]) -> None:
         for instance in instances:
             if key.startswith(f"{instance}."):
                 owners.setdefault(key[len(instance) + 1 :], []).append(key)
-    for key, found in owners.items():
-        if len(found) == 1 and key not in known:
-            one = known.pop(found[0])
+    for key, qualified in owners.items():
+        if len(qualified) == 1 and key not in known:
+            one = known.pop(qualified[0])
             one.name = one.name[len(one.name) - len(key) :]
-            known[key] = known[found[0]] = one
+            known[key] = known[qualified[0]] = one

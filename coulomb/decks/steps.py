@@ -88,12 +88,12 @@ def value_at(rows: Rows, time: float) -> float:
 
 def smooth(rows: Rows) -> Rows:
     """Abaqus' SMOOTH STEP through rows, x^3 (10 - 15 x + 6 x^2) between two of them, in twenty parts."""
-    found = list(rows[:1])
+    curve = list(rows[:1])
     for (t0, v0), (t1, v1) in itertools.pairwise(rows):
         x = np.arange(1, 21) / 20.0
         risen = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
-        found += [(float(t), float(v)) for t, v in zip(t0 + x * (t1 - t0), v0 + risen * (v1 - v0), strict=True)]
-    return tuple(found)
+        curve += [(float(t), float(v)) for t, v in zip(t0 + x * (t1 - t0), v0 + risen * (v1 - v0), strict=True)]
+    return tuple(curve)
 
 
 def periodic(card: Card, until: float) -> Rows:

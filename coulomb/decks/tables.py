@@ -180,15 +180,15 @@ class _Translator:
         """Times at which an amplitude has an extreme inside a step, and just after contact pairs are taken out or put
         in: as one step with what follows their forces would do work over the gap that stands for that."""
         last = self.of.steps[-1].end
-        found: set[float] = set()
+        kinks: set[float] = set()
         for table in _all_tables(tables):
-            found.update(time for time, _ in table.get("gap_amplitude", ()) if 0.0 < time < last)
+            kinks.update(time for time, _ in table.get("gap_amplitude", ()) if 0.0 < time < last)
             for key, rows in table.items():
                 if key.endswith("amplitude"):
                     for before, row, after in zip(rows, rows[1:], rows[2:], strict=False):
                         if (row[1] - before[1]) * (after[1] - row[1]) < 0.0 and row[0] < last:
-                            found.add(row[0])
-        return found
+                            kinks.add(row[0])
+        return kinks
 
     def _units(self) -> dict[str, str]:
         """By the magnitude of the largest elastic modulus."""
@@ -218,7 +218,7 @@ class _Translator:
                 orientations[self.deck.owner.get(id(card), ""), card.key("NAME")] = card
             elif card.kind in ("ELASTIC", "HYPERELASTIC", "DENSITY", "EXPANSION", "CONDUCTIVITY") and now is not None:
                 now.append(card)
-        found = []
+        materials = []
         for card in self.of.model:
             if card.kind != "SOLIDSECTION":
                 continue
@@ -237,16 +237,16 @@ class _Translator:
                 if isinstance(table.get("young"), list):
                     table["directions"] = directions_of(own)
             name = self.of.set_name(card)
-            found.append((name, self.deck.element_sets.members(name), table))
-        return found
+            materials.append((name, self.deck.element_sets.members(name), table))
+        return materials
 
     def _temperatures_of(self, elements: IntArray, material: list[Card]) -> tuple[float, float] | None:
         """Those of the start and the end at the nodes of some elements, the mean where they differ; None if none is
         given."""
-        found = self.temperatures.ends(elements)
-        if found is None:
+        ends = self.temperatures.ends(elements)
+        if ends is None:
             return None
-        start, end = found
+        start, end = ends
         first = next((card.line for card in material if has_several(card)), None)
         if first is not None and np.ptp(end):
             self.notes.append(
@@ -325,9 +325,9 @@ def _names_faces(deck: Geometry, kind: str) -> bool:
 
 def _all_tables(tables: dict[str, Any]) -> list[dict[str, Any]]:
     """All tables of a case, those in lists too."""
-    found = [tables]
+    every = [tables]
     for value in tables.values():
         for one in value if isinstance(value, list) else [value]:
             if isinstance(one, dict):
-                found += _all_tables(one)
-    return found
+                every += _all_tables(one)
+    return every

@@ -31,7 +31,7 @@ class _Course:
 
     def then(self, step: Step, value: float, amplitude: Amplitude | None) -> _Course:
         """With another value from a step on; of one step the last counts."""
-        before = tuple(one for one in self.events if one[0] is not step)
+        before = tuple(event for event in self.events if event[0] is not step)
         return replace(self, events=(*before, (step, value, amplitude)))
 
     @cached_property
@@ -60,20 +60,20 @@ class Temperatures:
             ValueError: If some nodes have one and others have none, with the line.
         """
         cards = [card for card in self._of.model if card.kind == "INITIALCONDITIONS"]
-        found = np.full(len(self.nodes), np.nan)
+        start = np.full(len(self.nodes), np.nan)
         for card in cards:
             if card.key("TYPE") != "TEMPERATURE":
                 continue
             _refuse_files(card)
             for row, words in card.rows("nodes and a temperature", 2):
-                found[self._mine(words[0], card, row)] = card.number(words[1], row)
-        missing = np.flatnonzero(np.isnan(found))
-        if len(missing) == len(found):
+                start[self._mine(words[0], card, row)] = card.number(words[1], row)
+        missing = np.flatnonzero(np.isnan(start))
+        if len(missing) == len(start):
             return None
         if len(missing):
             first = self._of.deck.called(int(self.nodes[missing[0]]))
             raise cards[-1].fault(f"{len(missing)} nodes of solids, as {first}, have no initial temperature")
-        return found
+        return start
 
     @property
     def start(self) -> float | None:
@@ -122,7 +122,7 @@ class Temperatures:
         start = end = self.starts[where]
         if self._courses is not None:
             courses, of_node = self._courses
-            end = np.array([one.track.value() for one in courses])[of_node[where]]
+            end = np.array([course.track.value() for course in courses])[of_node[where]]
         return start, end
 
     def differ_at(self, times: Sequence[float], elements: IntArray) -> bool:
@@ -142,7 +142,7 @@ class Temperatures:
         if self._courses is None:
             return {}
         courses, of_node = self._courses
-        times = sorted({time for one in courses for time, _ in one.track.rows})
+        times = sorted({time for course in courses for time, _ in course.track.rows})
         changes = np.array([[value_at(tuple(one.track.rows), time) - one.start for one in courses] for time in times])
         most = int(np.argmax(np.abs(changes).max(axis=1)))
         largest, last = float(np.abs(changes[most]).max()), changes[most]
@@ -152,7 +152,7 @@ class Temperatures:
         if np.abs(changes - factors[:, None] * last).max() > _SAME * largest:
             card = [one for step in self._of.steps for one in step.cards if one.kind == "TEMPERATURE"][-1]
             raise card.fault("temperatures of different nodes do not follow one course in time, which is not read")
-        starts = {one.start for one in courses}
+        starts = {course.start for course in courses}
         start = next(iter(starts)) if len(starts) == 1 else 0.0
         if len(starts) > 1:
             self._of.notes.append("initial temperatures differ: those shown are the changes since the start")
@@ -179,16 +179,16 @@ class Temperatures:
         sets = self._of.deck.element_sets
         names = [one for one in sets.names if one not in self._of.deck.node_sets]
         name = next((one for one in names if np.array_equal(self._of.nodes_of(sets.members(one)), nodes)), None)
-        found: list[Any] = []
+        called: list[Any] = []
         for body in self._of.bodies or [""]:
             mine = self._of.nodes_of(self._of.bodies[body]) if body else nodes
             here, of = as_list(nodes[np.isin(nodes, mine)]), f"{body}:" if body else ""
             if name is not None:
-                found += [f"{of}{name}"] if here else []
+                called += [f"{of}{name}"] if here else []
             else:
                 parts = [here[k : k + _MOST] for k in range(0, len(here), _MOST)]
-                found += [[f"{of}{node}" for node in part] if body else part for part in parts]
-        return found
+                called += [[f"{of}{node}" for node in part] if body else part for part in parts]
+        return called
 
 
 def _refuse_files(card: Card) -> None:

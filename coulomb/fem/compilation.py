@@ -65,17 +65,17 @@ def watch_compilation(dolfinx_jit: Any, arity_mismatch: type[BaseException]) -> 
             _refuse_without_compiler()  # before FFCx leaves a file for which other processes wait
         lock.acquire(Path(directory), name)
         try:
-            found = look_up(name, objects, directory, *arguments)
+            loaded = look_up(name, objects, directory, *arguments)
         except BaseException:
             lock.release()
             raise
-        if found[0] is not None:
+        if loaded[0] is not None:
             lock.release()
-            _loaded[key] = found
+            _loaded[key] = loaded
         elif _to_announce:
             _to_announce = False
             _log.info("compiling the finite-element forms, once per machine (about %d s)", SECONDS)
-        return found
+        return loaded
 
     def explained(*arguments: Any, **options: Any) -> Any:
         try:

@@ -106,7 +106,7 @@ def present_values(given: object) -> list[FloatArray]:
         parts = [given.ufl_expression]
     elif isinstance(given, ufl.core.expr.Expr):
         terms = ufl.corealg.traversal.unique_pre_traversal(given)
-        parts = [one for one in terms if isinstance(one, fem.Function | fem.Constant)]
+        parts = [term for term in terms if isinstance(term, fem.Function | fem.Constant)]
     elif isinstance(given, Mapping):
         parts = given.values()
     elif isinstance(given, list | tuple):

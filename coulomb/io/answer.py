@@ -149,20 +149,20 @@ def _without_contact(solution: Solution) -> tuple[dict[str, float], FloatArray]:
     """Of each contact face without contact, by its name, the smallest remaining gap over the displacement there; and
     these displacements along the normal, of both bodies of a pair together, metres, shape (m,), 0 on other faces;
     collective."""
-    problem, at, over = solution.problem, solution.at_nodes, Reductions(solution.problem.comm)
+    problem, answer, over = solution.problem, solution.at_nodes, Reductions(solution.problem.comm)
     gap = problem.surface.gap - problem.relative_displacement(solution.change)[:, 0]
-    moved, found = np.zeros_like(gap), dict[str, float]()
+    moved, shares = np.zeros_like(gap), dict[str, float]()
     for member in problem.elasticity.members:
         u = np.zeros_like(solution.displacement)
         u[member.nodes] = solution.displacement[member.nodes]
         moved += np.abs(problem.surface.rows(u)[:, 0])
-    for part, (name, _) in enumerate(side_names((one.face, one.against) for one in problem.contacts)):
-        here = at.part == part
-        if over.sum(float(np.sum(here & (at.status != OPEN)))):
+    for part, (name, _) in enumerate(side_names((contact.face, contact.against) for contact in problem.contacts)):
+        here = answer.part == part
+        if over.sum(float(np.sum(here & (answer.status != OPEN)))):
             moved[here] = 0.0
         elif over.max(moved[here]) > 0.0:
-            found[name] = over.min(gap[here] / np.maximum(moved[here], 1e-300))
-    return found, moved
+            shares[name] = over.min(gap[here] / np.maximum(moved[here], 1e-300))
+    return shares, moved
 
 
 def _nearer(solution: Solution, moved: FloatArray, tolerance: float, part: float) -> Totals:
@@ -210,36 +210,36 @@ def _algebraic(totals: Totals, contents: Mapping[str, Any], solution: Solution, 
     least["rad"] = part * max(turned, default=0.0) + least["m"] / narrowest
     area, slip, pressure = _of_nodes(solution, part)
     least["Pa"] = max(least["Pa"], pressure)
-    found = {}
+    errors = {}
     for name, (value, unit) in totals.items():
         place, _, what = name.rpartition(".")
         if what == "centre_of_pressure":
             far = float(np.max(np.abs(value)))
-            found[name] = (least["N m"] + far * least["N"]) / float(totals[f"{place}.normal_force"][0][0])
+            errors[name] = (least["N m"] + far * least["N"]) / float(totals[f"{place}.normal_force"][0][0])
         elif what == "contact_area":
-            found[name] = area + part * float(value[0])
+            errors[name] = area + part * float(value[0])
         else:
-            found[name] = least[unit] + (slip if what == "greatest_slip" else 0.0)
-    return found
+            errors[name] = least[unit] + (slip if what == "greatest_slip" else 0.0)
+    return errors
 
 
 def _of_nodes(solution: Solution, error: float) -> tuple[float, float, float]:
     """What an error of the forces x, relative to |x|, leaves uncertain of the nodes: the area in m^2 of those that may
     be open as well as closed, by how much at most they change the largest slip of a contact face, metres, and a largest
     pressure, pascals; collective."""
-    problem, at, over = solution.problem, solution.at_nodes, Reductions(solution.problem.comm)
+    problem, answer, over = solution.problem, solution.at_nodes, Reductions(solution.problem.comm)
     gap = problem.surface.gap - problem.relative_displacement(solution.change)[:, 0]
     small = error * over.norm(solution.contact_force)
-    closed = at.status != OPEN
-    either = np.where(closed, at.force[:, 0] <= small, gap <= small * problem.mean_compliance)
-    moving, slip, pressure = np.linalg.norm(at.slip, axis=1), 0.0, 0.0
-    for part in range(len(at.faces)):
-        here = at.part == part
+    closed = answer.status != OPEN
+    either = np.where(closed, answer.force[:, 0] <= small, gap <= small * problem.mean_compliance)
+    moving, slip, pressure = np.linalg.norm(answer.slip, axis=1), 0.0, 0.0
+    for part in range(len(answer.faces)):
+        here = answer.part == part
         most, least = (over.max(moving[here & who]) for who in (closed | either, closed & ~either))
         slip = max(slip, most - max(least, 0.0))
-        most, least = (over.max(at.pressure[here] + add / at.area[here]) for add in (small, 0.0))
+        most, least = (over.max(answer.pressure[here] + add / answer.area[here]) for add in (small, 0.0))
         pressure = max(pressure, most - least)
-    return at.copies * over.sum(at.area[either]), slip, pressure
+    return answer.copies * over.sum(answer.area[either]), slip, pressure
 
 
 def totals_in(contents: Mapping[str, Any]) -> Iterator[tuple[str, FloatArray, str]]:

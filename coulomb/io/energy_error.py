@@ -88,8 +88,8 @@ def stress_of(solution: Solution, size: float, order: float) -> StressOfAnswer |
     errors, u = recovered_errors(solution), solution.displacement
     cells = {one.name: StressedCells(one.body, u[one.nodes], None) for one in members}  # type: ignore[arg-type]
     recovered, norm = (math.hypot(*of) for of in zip(*((e.total, e.norm) for e in errors.values()), strict=True))
-    of_second = math.hypot(*(errors[one.name].total for one in members if one.body.degree > order))
-    firsts = [errors[one.name] for one in members if one.body.degree == 1]
+    of_second = math.hypot(*(errors[member.name].total for member in members if member.body.degree > order))
+    firsts = [errors[member.name] for member in members if member.body.degree == 1]
     of_first = max((one.relative for one in firsts if one.norm**2 > SHARE * norm**2), default=0.0)
     return StressOfAnswer(cells, size, order, recovered, norm, of_second, of_first)
 
@@ -140,6 +140,6 @@ def _extrapolated(chain: Sequence[StressOfAnswer]) -> float:
 
 def _difference(fine: StressOfAnswer, coarse: StressOfAnswer) -> tuple[float, bool]:
     """d^2 in joules, and whether nearly all cells of the fine mesh are parts of those of the coarse one; collective."""
-    found = [stress_difference(cells, coarse.cells[name]) for name, cells in fine.cells.items()]
-    across = sum(one.across for one in found) / sum(one.cells for one in found)
-    return float(sum(one.squared for one in found)), across < ACROSS
+    differences = [stress_difference(cells, coarse.cells[name]) for name, cells in fine.cells.items()]
+    across = sum(difference.across for difference in differences) / sum(difference.cells for difference in differences)
+    return float(sum(difference.squared for difference in differences)), across < ACROSS

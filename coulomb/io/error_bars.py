@@ -150,7 +150,7 @@ class ErrorBars:
     warnings: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        unknowns = ", ".join(f"{one.unknowns}" for one in self.answers)
+        unknowns = ", ".join(f"{answer.unknowns}" for answer in self.answers)
         return f"<error bars of {len(self.bars)} totals, from answers with {unknowns} unknowns; [name].value and .bar>"
 
     def __getitem__(self, quantity: str) -> ErrorBar:
@@ -197,9 +197,9 @@ def error_of(
     if solution.problem.before is not None:
         raise NoErrorBars("a load step has error bars with all steps before: output.error = true of a case")
     refuse_another_problem(solution, others)
-    found, solving = [answer_of(solution, tolerance)], Solving(tolerance, solver, progress)
+    answers, solving = [answer_of(solution, tolerance)], Solving(tolerance, solver, progress)
     if others:
-        bars = bars_of([*found, *(answer_of(other, tolerance) for other in others)])
+        bars = bars_of([*answers, *(answer_of(other, tolerance) for other in others)])
         return (
             replace(bars, warnings=(*bars.warnings, f"{UNCOMPARED}: give one"))
             if _may_lock(solution.problem, bars)
@@ -209,12 +209,12 @@ def error_of(
     for way in other_problems(solution.problem):
         for problem in way:
             try:
-                found.append(answer_on(problem, solving))
+                answers.append(answer_on(problem, solving))
             except ValueError as error:
                 refusals.append(str(error))
                 break
-        if len(found) > 1:  # one other mesh will do
-            return with_second_order(solution, found, solving)
+        if len(answers) > 1:  # one other mesh will do
+            return with_second_order(solution, answers, solving)
     raise NoErrorBars(refusals[0])
 
 
@@ -353,40 +353,40 @@ def bars_of(answers: Sequence[Answer], unknown: float = 0.0) -> ErrorBars:
         geometry = shape * np.maximum(np.abs(value), COMPONENT * np.linalg.norm(value))
         bars.append(ErrorBar(name, unit, value, off, border, algebraic, order, (value, *values), geometry))
     stress = relative_stress_error(first.stress, [one.stress for one in compared])
-    found = {one.quantity: one for one in bars}
-    free, energy = ((one.value, one.discretisation) for one in (found.pop(FREE), found["strain_energy"]))
-    largest = found[LARGEST]
+    bar_of = {bar.quantity: bar for bar in bars}
+    free, energy = ((one.value, one.discretisation) for one in (bar_of.pop(FREE), bar_of["strain_energy"]))
+    largest = bar_of[LARGEST]
     least = least_bar(largest.value, energy, free, first.single, SAFETY)
-    found[LARGEST] = replace(largest, discretisation=np.maximum(largest.discretisation, least))
+    bar_of[LARGEST] = replace(largest, discretisation=np.maximum(largest.discretisation, least))
     second = [one for one in compared if _beside(first, one)]
     warnings = too_stiff(first.energies, second[0].energies, first.chord) if second else ()
-    found, missed = _with_missed_contact((first, *compared), found)
-    return ErrorBars(tuple(found.values()), (first, *compared), stress, (*warnings, *missed, *first.few_chords))
+    bar_of, missed = _with_missed_contact((first, *compared), bar_of)
+    return ErrorBars(tuple(bar_of.values()), (first, *compared), stress, (*warnings, *missed, *first.few_chords))
 
 
 def _with_missed_contact(
-    answers: Sequence[Answer], found: dict[str, ErrorBar]
+    answers: Sequence[Answer], bar_of: dict[str, ErrorBar]
 ) -> tuple[dict[str, ErrorBar], tuple[str, ...]]:
     """The bars, by place, with what contact would change that all answers miss: where no point of a contact face
     touches, but a displacement within its bar would close a gap, what gaps smaller by as much change of the answer with
     the most unknowns, which is not the stiffest; and a warning for each such face."""
-    best, largest = max(answers, key=lambda one: one.unknowns), found[LARGEST]
+    best, largest = max(answers, key=lambda one: one.unknowns), bar_of[LARGEST]
     part = (largest.value + largest.bar)[0] / best.totals[LARGEST][0][0] - 1.0 if best.missed else 0.0
     near = [name for name, least in best.missed.items() if least <= part and all(name in one.missed for one in answers)]
     if not near:
-        return found, ()
+        return bar_of, ()
     into = "is not in the bars of forces"
     if best.nearer is not None:
         with suppress(NotConverged):
             changed = best.nearer(part)
-            for name in changed.keys() & found.keys():
+            for name in changed.keys() & bar_of.keys():
                 off = np.abs(changed[name][0] - best.totals[name][0])
-                found[name] = replace(found[name], contact=found[name].contact + off)
+                bar_of[name] = replace(bar_of[name], contact=bar_of[name].contact + off)
             into = "is in the bars as what smaller gaps change"
     said = (
         "nothing touches on {!r}, but a displacement within its error bar would close a gap: contact may be missed, {}"
     )
-    return found, tuple(said.format(name, f"and {into}") for name in near)
+    return bar_of, tuple(said.format(name, f"and {into}") for name in near)
 
 
 def _unseen(first: Answer, compared: Sequence[Answer]) -> float:

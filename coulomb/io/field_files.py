@@ -93,15 +93,15 @@ def grids_of(path: Path) -> dict[str, str]:
         root = ElementTree.parse(path).getroot()
     except (OSError, ElementTree.ParseError) as error:
         raise ValueError(f"{path}: cannot be read: {error}") from None
-    found = {}
+    grids = {}
     for grid in uniform(root.find("Domain/Grid")):
         place = (grid.findtext("Geometry/DataItem") or "").strip()
         file, _, name = place.partition(":/Mesh/")
         group = name.removesuffix("/geometry")
         if file != data_of(path).name or not group or group == name:
             raise ValueError(f"{path}: shows {place or 'nothing'} as points")
-        found[str(grid.get("Name"))] = group
-    return {"": ""} if list(found.values()) == [WHOLE] else found
+        grids[str(grid.get("Name"))] = group
+    return {"": ""} if list(grids.values()) == [WHOLE] else grids
 
 
 def uniform(grid: ElementTree.Element | None) -> list[ElementTree.Element]:
@@ -140,7 +140,7 @@ def _read(path: Path, grid: ElementTree.Element) -> Grid:
         x, cells, attributes = data(geometry), data(topology), grid.findall("Attribute")
         if x.ndim != 2 or x.shape[1] != 3 or not len(cells) or not 0 <= cells.min() <= cells.max() < len(x):
             raise ValueError(f"{path}: its mesh is damaged")
-        rows = {str(one.get("Name")): data(one) for one in attributes}
+        rows = {str(attribute.get("Name")): data(attribute) for attribute in attributes}
         fields = {name: of[:, 0] if of.ndim == 2 and of.shape[1] == 1 else of for name, of in rows.items()}
         on_cells = frozenset(str(one.get("Name")) for one in attributes if one.get("Center") == "Cell")
         return Grid(str(topology.get("TopologyType")), cells, x, fields, on_cells)

@@ -157,7 +157,7 @@ def described(path: Path, kinds: Mapping[int, str], collection: str) -> float:
     grids, shown, none = [], set(), np.empty(0)
     for (name, group), grid in zip(groups.items(), uniform(root.find("Domain/Grid")), strict=False):
         centres = {str(one.get("Name")): one.get("Center") for one in grid.findall("Attribute")}
-        mesh, of = mesh_at(group), {one: function_at(one, group) for one in centres}
+        mesh, of = mesh_at(group), {centre: function_at(centre, group) for centre in centres}
         shown |= {f"{mesh}/geometry", f"{mesh}/topology", *of.values()}
         if not shown <= shapes.keys():
             break
@@ -167,7 +167,7 @@ def described(path: Path, kinds: Mapping[int, str], collection: str) -> float:
             for one, centre in centres.items()
             if shapes[of[one]][0] == count and (count != points or centre == "Cell")
         }
-        on_points = {one: none for one in centres if one not in on_cells}
+        on_points = {centre: none for centre in centres if centre not in on_cells}
         cells = GridPart(kinds[width], none.astype(np.int64), none)
         said = [str(one.get("Value")) for one in grid.findall("Information") if one.get("Name") == NOTE]
         grids.append(GridFields(cells, on_points, on_cells, name, "".join(said[:1])))

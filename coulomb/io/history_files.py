@@ -91,15 +91,15 @@ class HistoryFiles:
         """Lock the directory for this run; gives the state from which to continue (`Recorder`)."""
         comm = problem.comm
         with locked(self.directory.path, comm):
-            found = on_rank_0(comm, lambda: self.directory.complete_steps if self._resume else [])
-            self._continues, self.begun = bool(found), False
-            if found or not refuse_to_replace(self.directory.path, self._overwrite, comm):
+            complete = on_rank_0(comm, lambda: self.directory.complete_steps if self._resume else [])
+            self._continues, self.begun = bool(complete), False
+            if complete or not refuse_to_replace(self.directory.path, self._overwrite, comm):
                 self.begin(comm)
-            summaries = [read_summary(self.directory.step(number).path, comm) for number in found]
+            summaries = [read_summary(self.directory.step(number).path, comm) for number in complete]
             self.rows, self._history = [summary["step"]["row"] for summary in summaries], whole(summaries)
             self._start, self._seconds = beginning.time, problem.seconds
             self._series = [output.Series(self.directory.path, name) for name in FIELDS]
-            yield self.state_after(problem, found[-1]) if found else beginning
+            yield self.state_after(problem, complete[-1]) if complete else beginning
 
     def begin(self, comm: MPI.Comm) -> None:
         """Set earlier results aside, unless they are continued, once in a run; collective."""
@@ -306,7 +306,7 @@ def points_in_files(step: RunDirectory, problem: ContactProblem) -> tuple[Points
     Raises:
         ValueError: On every rank, if a file cannot be read, or lacks a grid or a point.
     """
-    comm, members, found = problem.comm, problem.elasticity.members, []
+    comm, members, parts = problem.comm, problem.elasticity.members, []
 
     def numbers(group: str, body: SingleBody, near: float) -> IntArray:
         with h5py.File(data_of(step.solution), "r") as file:
@@ -320,11 +320,11 @@ def points_in_files(step: RunDirectory, problem: ContactProblem) -> tuple[Points
         for member in members:
             near = 1e-9 * float(np.max(Reductions(comm).extent(member.body.reference)))
             one = partial(numbers, groups[member.name], member.body, near)
-            found.append((member.name, on_all_ranks(one, str(data_of(step.solution)), comm), True))
+            parts.append((member.name, on_all_ranks(one, str(data_of(step.solution)), comm), True))
     (nodes, part), itself = problem.points_of_states, () if problem.large is None else problem.large.itself
-    on_faces = np.concatenate([number for _, number, _ in found])[nodes]
+    on_faces = np.concatenate([number for _, number, _ in parts])[nodes]
     sides = [(name, on_faces[part == k], k not in itself) for k, (name, _) in enumerate(names_of_sides(problem))]
-    return found, sides if collections(problem)[1] else [("", on_faces, True)]
+    return parts, sides if collections(problem)[1] else [("", on_faces, True)]
 
 
 def at_points(file: Path, name: str, points: Points, comm: MPI.Comm) -> FloatArray:
@@ -340,26 +340,26 @@ def at_points(file: Path, name: str, points: Points, comm: MPI.Comm) -> FloatArr
         for number, vectors in parts_of_field(data_of(file), name, group):
             if len(wanted):
                 place = order[np.minimum(np.searchsorted(wanted, number, sorter=order), len(wanted) - 1)]
-                found = wanted[place] == number
-                values[place[found]] = vectors[found]
+                fetched = wanted[place] == number
+                values[place[fetched]] = vectors[fetched]
         _refuse(np.isnan(values))
         return values
 
     with _offering_whole_steps(file.parent):
         groups, name_of = _groups(file, [grid for grid, *_ in points], comm), str(data_of(file))
-        found = [on_all_ranks(partial(read, groups[grid], of, whole), name_of, comm) for grid, of, whole in points]
-        return np.concatenate(found)
+        fetched = [on_all_ranks(partial(read, groups[grid], of, whole), name_of, comm) for grid, of, whole in points]
+        return np.concatenate(fetched)
 
 
 def _groups(file: Path, grids: Sequence[str], comm: MPI.Comm) -> dict[str, str]:
     """The groups of the grids of a file; collective."""
 
     def groups() -> dict[str, str]:
-        found = grids_of(file)
-        missing = [grid for grid in grids if grid not in found]
+        grids_in = grids_of(file)
+        missing = [grid for grid in grids if grid not in grids_in]
         if missing:
             raise ValueError(f"has no grid {missing[0]!r}: belongs to another problem, or is incomplete")
-        return found
+        return grids_in
 
     return on_all_ranks(groups, str(file), comm)
 
@@ -463,8 +463,8 @@ def _certificate(before: Mapping[str, Entries], now: Mapping[str, Any], where: E
     for name, check in now.items():
         if not isinstance(check, Mapping):
             continue
-        found = _larger(before.get(name), {**check, **where})
-        worst[name] = {**found, "passed": bool(check["passed"]) and before.get(name, check)["passed"]}
+        larger = _larger(before.get(name), {**check, **where})
+        worst[name] = {**larger, "passed": bool(check["passed"]) and before.get(name, check)["passed"]}
     return {**worst, "passed": bool(now["passed"]) and before.get("passed", True)}
 
 

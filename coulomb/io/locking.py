@@ -95,9 +95,9 @@ def remarks_on_locking(solution: Solution) -> list[str]:
     to a tenth of a small problem; none of the latter where chords of the facets in contact may be the cause, which
     `SmallStrain` says; collective.
     """
-    found, over = locking_by_volume(solution.problem.elasticity), Reductions(solution.problem.comm)
-    if found or solution.small_strain.chord > CHORD.warn:
-        return found
+    remarks, over = locking_by_volume(solution.problem.elasticity), Reductions(solution.problem.comm)
+    if remarks or solution.small_strain.chord > CHORD.warn:
+        return remarks
     temperature = solution.problem.loading.temperature
     for member in _of_first_order(solution.problem.elasticity):
         domain = member.body.domain
@@ -108,12 +108,12 @@ def remarks_on_locking(solution: Solution) -> list[str]:
         error = stress_error(cast(Elasticity, member.body), solution.displacement[member.nodes], change)
         if error.relative > ROUGHER:
             of, table = (f" of body {member.name!r}", "[[body]]") if member.name else ("", "[mesh]")
-            found.append(
+            remarks.append(
                 f"the first-order cells{of}, few across, seem far too stiff, as they lock in bending: the error of the "
                 f"stress is about {100.0 * error.relative:.0f} % of it; second order (degree = 2 in {table}) does not; "
                 "error bars (--error) compare both"
             )
-    return found
+    return remarks
 
 
 def _of_first_order(body: Deformable) -> list[Member]:

@@ -76,8 +76,8 @@ def _write_vtkhdf(directory: Path, name: str) -> None:
             if not _same_mesh(before, pieces):
                 first = np.cumsum([0, *(len(piece.points) for piece in pieces)])
                 cells = [piece.cells + start for piece, start in zip(pieces, first, strict=False)]
-                nodes, widths = np.concatenate([one.ravel() for one in cells]), [one.shape[1] for one in cells]
-                each = np.repeat(widths, [len(one) for one in cells])
+                nodes, widths = np.concatenate([cell.ravel() for cell in cells]), [cell.shape[1] for cell in cells]
+                each = np.repeat(widths, [len(cell) for cell in cells])
                 starts = {
                     "PartOffsets": append("NumberOfPoints", [first[-1]]),
                     "PointOffsets": append("Points", np.concatenate([piece.points for piece in pieces])),
@@ -92,7 +92,7 @@ def _write_vtkhdf(directory: Path, name: str) -> None:
             number = {"part": np.repeat(np.arange(len(pieces)), [len(piece.cells) for piece in pieces])}
             for of, own in (("PointData", {}), ("CellData", number)):
                 fields = dict.fromkeys(field for piece in pieces for field in piece.fields)
-                mine = [field for field in fields if any(field in one.on_cells for one in pieces) == bool(own)]
+                mine = [field for field in fields if any(field in piece.on_cells for piece in pieces) == bool(own)]
                 for field, values in {**{field: _together(pieces, field) for field in mine}, **own}.items():
                     append(f"Steps/{of}Offsets/{field}", [append(f"{of}/{field}", values)])
             before = pieces
@@ -186,15 +186,15 @@ class _Section:
 
     def of(self, fields: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """The values at its points; forces are for all layers."""
-        found = {name: values[self.first] for name, values in fields.items()}
+        values_of = {name: values[self.first] for name, values in fields.items()}
         cos, sin = np.cos(self._angle), np.sin(self._angle)
         for name in ("DISP", "FORC"):
             x, y, z = fields[name].T
             turned = np.column_stack([cos * x + sin * z, y, cos * z - sin * x])
-            found[name] = turned[self.first]
-        total = np.zeros_like(found["FORC"])
+            values_of[name] = turned[self.first]
+        total = np.zeros_like(values_of["FORC"])
         np.add.at(total, self._of, turned)
-        return found | {"FORC": self._copies * total}
+        return values_of | {"FORC": self._copies * total}
 
 
 def _components(blocks: Sequence[IntArray], count: int) -> IntArray:

@@ -42,16 +42,16 @@ def other_problems(problem: DiscreteProblem, ways: Sequence[Way] = ()) -> Iterat
         )
     refusal, posed = "", False
     for others in ways or (coarser_meshes, smaller_cells if needs_second_order(problem.elasticity) else same_cells):
-        found = []
+        coarser = []
         with without_remarks():
             try:
                 for other in others(mesh):
-                    found.append(problem.on(other))
+                    coarser.append(problem.on(other))
             except ValueError as error:
                 refusal = f"the problem has no other mesh: {error}"
-        if found:
+        if coarser:
             posed = True
-            yield found
+            yield coarser
     if not posed:
         raise NoErrorBars(refusal)
 

@@ -155,5 +155,5 @@ def _relative(bars: Sequence[ErrorBar]) -> float:
     sizes: dict[str, float] = {}
     for one in bars:
         sizes[one.unit] = max(sizes.get(one.unit, 0.0), float(np.linalg.norm(one.value)))
-    parts = [float(np.linalg.norm(one.bar)) / (sizes[one.unit] or 1.0) for one in bars]
+    parts = [float(np.linalg.norm(bar.bar)) / (sizes[bar.unit] or 1.0) for bar in bars]
     return max(part if math.isfinite(part) else math.inf for part in parts)

@@ -83,21 +83,21 @@ def node_numbers(body: SingleBody) -> dict[str, FloatArray]:
     if dofs.shape != points.shape:  # displacements of another order than the mesh
         points = corner_geometry(domain)
         dofs = dofs[:, : points.shape[1]]
-    found, mine = np.zeros(len(body.x)), dofs < len(body.x)
+    numbers, mine = np.zeros(len(body.x)), dofs < len(body.x)
     if given is not None:
-        found[dofs[mine]] = given[points[mine]]
-    return {NODE_NUMBER: found}
+        numbers[dofs[mine]] = given[points[mine]]
+    return {NODE_NUMBER: numbers}
 
 
 def cell_values(functions: Sequence[Any]) -> dict[str, FloatArray]:
     """By name, the values (c,) or (c, 3) of functions that are constant on every cell, in this rank's own cells."""
-    found = {}
+    values = {}
     for function in functions:
         W = function.function_space
         own = compat.cell_dofs(W)[: W.mesh.topology.index_map(3).size_local, 0]
         rows = function.x.array.reshape(-1, W.dofmap.bs)[own]
-        found[function.name] = rows if rows.shape[1] > 1 else rows[:, 0]
-    return found
+        values[function.name] = rows if rows.shape[1] > 1 else rows[:, 0]
+    return values
 
 
 def middle(one: FloatArray, other: FloatArray) -> FloatArray:
@@ -189,7 +189,7 @@ def of_bodies(given: Mapping[str, Any], bodies: Sequence[DisplacementSpace], com
     """
     if len(bodies) == 1:
         return [dict(given)]
-    found: list[dict[str, Any]] = [{} for _ in bodies]
+    functions: list[dict[str, Any]] = [{} for _ in bodies]
 
     def add(name: str, function: Any) -> None:
         if not isinstance(function, fem.Function):
@@ -198,11 +198,11 @@ def of_bodies(given: Mapping[str, Any], bodies: Sequence[DisplacementSpace], com
         mine = [number for number, body in enumerate(bodies) if compat.cpp_of(body.domain) is mesh]
         if not mine:
             raise ValueError("is on the mesh of none of the bodies")
-        found[mine[0]][name] = function
+        functions[mine[0]][name] = function
 
     for name, function in given.items():
         on_all_ranks(lambda name=name, function=function: add(name, function), f"fields: {name!r}", comm)  # type: ignore[misc]
-    return found
+    return functions
 
 
 def _refuse(name: Any, function: Any, space: DisplacementSpace, taken: tuple[str, ...]) -> None:
@@ -308,7 +308,7 @@ def contact_grids(solution: Solution) -> list[GridFields]:
 def face_answers(solution: Solution) -> dict[str, FaceAnswer]:
     """The faces of all contacts, those opposite included, by their names in files (`side_names`); of a face in several
     pairs by its own name that of the first; collective."""
-    problem, fields, found = solution.problem, solution.at_nodes.fields(), dict[str, FaceAnswer]()
+    problem, fields, answers = solution.problem, solution.at_nodes.fields(), dict[str, FaceAnswer]()
     for number, (contact, sides) in enumerate(zip(problem.contacts, names_of_sides(problem), strict=True)):
         member, facets = problem.elasticity.face(contact.face, "contact")
         grids = [(contact.face, _face_grid("", member, facets, problem, fields, number))]
@@ -316,23 +316,23 @@ def face_answers(solution: Solution) -> dict[str, FaceAnswer]:
             grids.append((contact.against, _opposite_grid(solution, number, contact.against, "", fields)))
         for (face, of), side in zip(grids, sides, strict=False):
             for name in filter(None, (face, side)):
-                found.setdefault(name, FaceAnswer(name, of.grid.points, of.grid.cells, dict(of.on_points)))
-    return found
+                answers.setdefault(name, FaceAnswer(name, of.grid.points, of.grid.cells, dict(of.on_points)))
+    return answers
 
 
 def fields_on_bodies(solution: Solution) -> dict[str, dict[str, FloatArray]]:
     """By the names of bodies, the fields of the contact points at this rank's nodes of each body, and "traction", the
     whole one on the body; off its contact faces 0, and the status 3; of a node in several contacts those of the first;
     shapes (k,) or (k, 3); collective."""
-    problem, at = solution.problem, solution.at_nodes
-    fields = {**at.fields(), TRACTION: at.on_body / at.area[:, None]}
-    members, found = problem.elasticity.members, dict[str, dict[str, FloatArray]]()
+    problem, answer = solution.problem, solution.at_nodes
+    fields = {**answer.fields(), TRACTION: answer.on_body / answer.area[:, None]}
+    members, of_bodies = problem.elasticity.members, dict[str, dict[str, FloatArray]]()
     taken = {member.name: np.zeros(len(member.body.x), dtype=bool) for member in members}
     for number, contact in enumerate(problem.contacts):
         member, facets = problem.elasticity.face(contact.face, "contact")
         grids = [(member, _face_grid("", member, facets, problem, fields, number))]
         if contact.against is not None:
-            opposite = _opposite_grid(solution, number, contact.against, "", at.fields())
+            opposite = _opposite_grid(solution, number, contact.against, "", answer.fields())
             area = opposite.on_points["area"][:, None]
             whole = opposite.on_points["contact_force"] / np.where(area > 0.0, area, np.inf)
             opposite = replace(opposite, on_points={**opposite.on_points, TRACTION: whole})
@@ -345,12 +345,12 @@ def fields_on_bodies(solution: Solution) -> dict[str, dict[str, FloatArray]]:
                 if name not in grid.on_points:
                     continue
                 values = grid.on_points[name]
-                everywhere = found.setdefault(owner.name, {}).setdefault(
+                everywhere = of_bodies.setdefault(owner.name, {}).setdefault(
                     name, np.full((len(owner.body.x), *values.shape[1:]), float(HELD) if name == "status" else 0.0)
                 )
                 everywhere[nodes[free]] = values[free]
             taken[owner.name][nodes[grid.on_points["status"] != HELD]] = True
-    return found
+    return of_bodies
 
 
 def names_of_sides(problem: DiscreteProblem) -> list[tuple[str, str | None]]:
@@ -378,12 +378,12 @@ def _face_grid(
     here = np.ones(len(problem.surface.nodes), dtype=bool) if number is None else problem.surface.part == number
     elsewhere = {"status": float(HELD), "face": float(number or 0)}  # without a contact point; 0 for other fields
     face, nodes = FaceGrid(member.body, facets), problem.surface.nodes[here] - member.nodes.start
-    found = {}
+    on_face = {}
     for field, values in fields.items():
         everywhere = np.full((len(member.body.x), *values.shape[1:]), elsewhere.get(field, 0.0))
         everywhere[nodes] = values[here]
-        found[field] = face.values(everywhere, BETWEEN.get(field, middle))
-    return GridFields(face.grid, found | face.numbers(member.body), {}, name)
+        on_face[field] = face.values(everywhere, BETWEEN.get(field, middle))
+    return GridFields(face.grid, on_face | face.numbers(member.body), {}, name)
 
 
 def _opposite_grid(
@@ -397,12 +397,12 @@ def _opposite_grid(
     face, body, mine = FaceGrid(member.body, facets), member.body, points.only(here)
     rows = points.opposite[here]
     at_points = {name: values[here] for name, values in fields.items()}
-    found = carried(at_points, spreading(mine, carrying(rows, mine.area)))
-    found["contact_force"] = -spreading(mine, rows)(at_points["contact_force"])
-    found[OPPOSITE] = np.full(len(found["status"]), float(number))
+    at_nodes = carried(at_points, spreading(mine, carrying(rows, mine.area)))
+    at_nodes["contact_force"] = -spreading(mine, rows)(at_points["contact_force"])
+    at_nodes[OPPOSITE] = np.full(len(at_nodes["status"]), float(number))
     area, outward = body.positive_weights(facets)
     length = np.linalg.norm(outward, axis=1)[:, None]
-    on_face = {name: values[member.nodes] for name, values in found.items()}
+    on_face = {name: values[member.nodes] for name, values in at_nodes.items()}
     on_face |= {"normal": outward / np.where(length > 0.0, length, 1.0), "area": area}
     written = {field: face.at(values) for field, values in on_face.items()}
     return GridFields(face.grid, written | face.numbers(member.body), {}, name)

@@ -119,10 +119,10 @@ class RunDirectory:
     @property
     def complete_steps(self) -> list[int]:
         """Numbers of the complete load steps, from 1 without a gap; a step with a summary is complete."""
-        found: list[int] = []
-        while self.step(len(found) + 1).summary.is_file():
-            found.append(len(found) + 1)
-        return found
+        steps: list[int] = []
+        while self.step(len(steps) + 1).summary.is_file():
+            steps.append(len(steps) + 1)
+        return steps
 
     def read_summary(self, needed: tuple[str, ...] = ()) -> dict[str, Any]:
         """The contents of summary.json.

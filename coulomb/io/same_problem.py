@@ -61,12 +61,12 @@ def _difference(answer: Solution, other: Solution) -> str:
 
 def _described(problem: DiscreteProblem) -> dict[str, Any]:
     """The arguments of a problem by their names, with contacts and ties as they were made."""
-    found: dict[str, Any] = {"time": problem.time, "contact": [replace(one, slave=False) for one in problem.contacts]}
+    parts: dict[str, Any] = {"time": problem.time, "contact": [replace(one, slave=False) for one in problem.contacts]}
     if isinstance(problem, ContactProblem):
-        own = {*found, *_NUMERICAL, *(("material",) if isinstance(problem.made_of, Deformable) else ())}
-        found |= {name: value for name, value in problem.given.items() if name not in own}
-        found["ties"] = with_slaves(found["ties"], problem.elasticity.constraints.as_made)
-    return found
+        own = {*parts, *_NUMERICAL, *(("material",) if isinstance(problem.made_of, Deformable) else ())}
+        parts |= {name: value for name, value in problem.given.items() if name not in own}
+        parts["ties"] = with_slaves(parts["ties"], problem.elasticity.constraints.as_made)
+    return parts
 
 
 def _unlike(a: Any, b: Any, name: str = "") -> str:
@@ -94,14 +94,14 @@ def _unlike(a: Any, b: Any, name: str = "") -> str:
                 parts = [(one, two, f"{name} {k}") for k, (one, two) in enumerate(zip(a, b, strict=True), 1)]
     if not equal and not parts:
         return f"{name} is {_short(b)}, not {_short(a)}"
-    return next((found for one in parts if (found := _unlike(*one))), "")
+    return next((unlike for part in parts if (unlike := _unlike(*part))), "")
 
 
 def _same_function(a: FunctionType, b: FunctionType) -> bool:
     """By the values that two functions of the same code hold; those of different code cannot be told apart."""
     if a.__code__.co_code != b.__code__.co_code:
         return True
-    constants = [[one for one in f.__code__.co_consts if isinstance(one, float | int | tuple)] for f in (a, b)]
+    constants = [[const for const in f.__code__.co_consts if isinstance(const, float | int | tuple)] for f in (a, b)]
     held = [[cell.cell_contents for cell in f.__closure__ or ()] for f in (a, b)]
     defaults = [f.__defaults__ or () for f in (a, b)]
     return not any(_unlike(*values) for values in (constants, held, defaults))

@@ -171,11 +171,11 @@ def material_entries(materials: Materials) -> list[dict[str, Any]]:
 
 def materials_of(body: Deformable) -> list[dict[str, Any]]:
     """The materials of all bodies; of several, cells are called "body" or "body:cells"."""
-    found = []
+    materials = []
     for member in body.members:
         given = [] if member.body.materials is None else material_entries(member.body.materials)
-        found += [{**entry, "cells": member.called(entry["cells"])} for entry in given]
-    return found
+        materials += [{**entry, "cells": member.called(entry["cells"])} for entry in given]
+    return materials
 
 
 def _material_entry(cells: str | None, material: AnyMaterial) -> dict[str, Any]:

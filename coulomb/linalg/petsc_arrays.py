@@ -113,12 +113,12 @@ def _entries(matrix: ctypes.c_void_p, rows: int) -> Entries:
     _check(library.MatGetRowIJ(matrix, _INTEGER(0), 0, 0, *out))
     _check(library.MatSeqAIJGetArrayRead(matrix, ctypes.byref(values)))
     pointers = _viewed(indptr, rows + 1, PETSc.IntType)
-    found = Entries(
+    entries = Entries(
         pointers, _viewed(indices, int(pointers[-1]), PETSc.IntType), _viewed(values, int(pointers[-1]), np.float64)
     )
     _check(library.MatSeqAIJRestoreArrayRead(matrix, ctypes.byref(values)))
     _check(library.MatRestoreRowIJ(matrix, _INTEGER(0), 0, 0, *out))
-    return found
+    return entries
 
 
 def _viewed(address: ctypes.c_void_p, size: int, dtype: npt.DTypeLike) -> _Array:

@@ -72,6 +72,6 @@ def parts_of(K: PETSc.Mat) -> Parts:
             coupled[row[differ], column[differ]] = 1.0
     parts, of_component = connected_components(summed(matrix.comm, coupled), directed=False)
     number = np.repeat(of_component[component].astype(np.int64), 3 if parts > 1 else 0)
-    found = Parts(matrix.comm, int(parts), number)
-    K.setAttr("parts", found)
-    return found
+    parts_of_K = Parts(matrix.comm, int(parts), number)
+    K.setAttr("parts", parts_of_K)
+    return parts_of_K

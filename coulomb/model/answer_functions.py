@@ -35,8 +35,8 @@ class AnswerFunctions:
     def of_bodies(self) -> dict[str, Any]:
         """The displacement of each body by the body's name, which gives its fields of contact by name; collective."""
         return {
-            one.name: one.body.function(self._u[one.nodes], fields=partial(self._field, one))
-            for one in self._problem.elasticity.members
+            member.name: member.body.function(self._u[member.nodes], fields=partial(self._field, member))
+            for member in self._problem.elasticity.members
         }
 
     @cached_property
@@ -57,7 +57,7 @@ class AnswerFunctions:
             self._made[member.name, name] = made
         return self._made[member.name, name]
 
-    def owed_by(self, functional: Any, at: NodalAnswer) -> tuple[FloatArray, FloatArray]:
+    def owed_by(self, functional: Any, answer: NodalAnswer) -> tuple[FloatArray, FloatArray]:
         """What a functional owes to contact forces, per newton, shape (3 m,), and to displacements, per metre, shape
         (k, 3), where the mesh stays; collective.
 
@@ -69,40 +69,40 @@ class AnswerFunctions:
             ValueError: On every rank, if it is no such form, or of pressures elsewhere than at contact points of the
                 face itself, or in large motions, where areas change.
         """
-        of_x, of_u = np.zeros_like(at.force), np.zeros_like(self._u)
+        of_x, of_u = np.zeros_like(answer.force), np.zeros_like(self._u)
         if not isinstance(functional, ufl.Form) or functional.arguments():
             raise ValueError("functional must be a form of UFL without arguments, as inner(u, u) * dx")
-        coefficients, found = functional.coefficients(), False
+        coefficients, of_displacement = functional.coefficients(), False
         for member in self._problem.elasticity.members:
             names = ["displacement", *(name for body, name in self._made if body == member.name)]
             for name in names:
                 function = self._field(member, name)
-                if not any(one is function for one in coefficients):
+                if not any(coefficient is function for coefficient in coefficients):
                     continue
                 if name not in ("displacement", "pressure", "traction"):
                     raise ValueError(
                         f"functional: derivatives along the field {name!r} are not known, but along the displacement, "
                         "pressure and traction"
                     )
-                found, way = True, ufl.TestFunction(member.body.V)
+                of_displacement, way = True, ufl.TestFunction(member.body.V)
                 derivative = ufl.derivative(functional, function, way[0] if name == "pressure" else way)
-                owed = compiled(derivative, "functional", at.comm).vector()
+                owed = compiled(derivative, "functional", answer.comm).vector()
                 if name == "displacement":
                     of_u[member.nodes] += owed
                 else:
-                    of_x += self._of_points(member, name, owed, at)
-        if not found:
+                    of_x += self._of_points(member, name, owed, answer)
+        if not of_displacement:
             raise ValueError("functional: there is no function of this answer in it, such as solution.function")
         return of_x.ravel(), of_u
 
-    def _of_points(self, member: Member, name: str, owed: FloatArray, at: NodalAnswer) -> FloatArray:
+    def _of_points(self, member: Member, name: str, owed: FloatArray, answer: NodalAnswer) -> FloatArray:
         """What is owed to the forces of contact points, shape (m, 3), from what is owed to pressures, in the first
         column, or tractions at the nodes of a body, shape (k, 3); collective."""
-        surface, over = self._problem.surface, Reductions(at.comm)
+        surface, over = self._problem.surface, Reductions(answer.comm)
         if self._problem.body.undeformed is not None:
             raise ValueError(f"functional: in large motions areas change, and derivatives along {name} are not known")
         node, values = surface.nodes - member.nodes.start, self._fields[member.name][name]
-        whole = at.pressure if name == "pressure" else at.on_body / at.area[:, None]
+        whole = answer.pressure if name == "pressure" else answer.on_body / answer.area[:, None]
         mine = np.flatnonzero((node >= 0) & (node < len(owed)))
         same = values[node[mine]] == whole[mine]
         mine = mine[same if same.ndim == 1 else np.all(same, axis=1)]
@@ -116,9 +116,9 @@ class AnswerFunctions:
                 "in a pair, or between the vertices of 10-node tetrahedra: give the derivatives along contact forces "
                 "(contact_force)"
             )
-        found = np.zeros_like(at.force)
+        owed_forces = np.zeros_like(answer.force)
         if name == "pressure":
-            found[mine, 0] = owed[node[mine], 0]
+            owed_forces[mine, 0] = owed[node[mine], 0]
         else:
-            found[mine] = -np.einsum("kij,kj->ki", at.frames[mine], owed[node[mine]])
-        return found / at.area[:, None]
+            owed_forces[mine] = -np.einsum("kij,kj->ki", answer.frames[mine], owed[node[mine]])
+        return owed_forces / answer.area[:, None]

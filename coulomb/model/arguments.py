@@ -57,7 +57,7 @@ def refuse_wrong(given: Mapping[str, object]) -> None:
         raise ValueError(f'branch must be "any", or in large motions "stable", but is {branch!r}')
     if not isinstance(explicit, bool | np.bool_ | None):
         raise ValueError(f"explicit must be True, False, or None for the choice by size, but is {explicit!r}")
-    if not isinstance(probes, Sequence) or not all(isinstance(one, Probe) for one in probes):
+    if not isinstance(probes, Sequence) or not all(isinstance(probe, Probe) for probe in probes):
         raise ValueError(f"probes must be a list of Probe, but is {short(probes)}")
     ties = given.get("ties", ())
     for one in ties if isinstance(ties, Sequence) else ():
@@ -111,7 +111,7 @@ def contacts_given(arguments: Mapping[str, Any]) -> tuple[Contact, ...]:
         if (
             arguments["temperature"] is not None
             or any(not isinstance(one, Sequence) or len(one) for one in lists)
-            or any(isinstance(one, Mapping) or not vanishes(one) for one in forces)
+            or any(isinstance(force, Mapping) or not vanishes(force) for force in forces)
         ):
             raise ValueError("a body has its own loads and supports: give ContactProblem(body, contact) no others")
         if (material is None) == (given is None):
@@ -137,7 +137,7 @@ def contacts_of_large_motions(arguments: Mapping[str, Any], contacts: Sequence[C
                 f"contact face {one.face!r}: adjust, smooth and surface describe the undeformed place; large motions "
                 "measure gaps between the facets as they are"
             )
-    return tuple(replace(one, facing=False) for one in contacts)
+    return tuple(replace(contact, facing=False) for contact in contacts)
 
 
 def on_named_surfaces(
@@ -146,7 +146,7 @@ def on_named_surfaces(
     """The mesh with the surfaces that contacts and supports name for its faces; a body of the user's forms as it is."""
     if isinstance(mesh, Deformable):
         return mesh
-    pairs = [(one.face, one.surface) for one in supports if isinstance(one, PrescribedDisplacement)]
+    pairs = [(support.face, support.surface) for support in supports if isinstance(support, PrescribedDisplacement)]
     for one in contacts:
         pairs += [(one.face, one.surface), (one.against or one.face, one.against_surface)]
     return with_surfaces(mesh, {face: surface for face, surface in pairs if surface is not None})
@@ -158,8 +158,8 @@ def on_two_sides(
     """The contacts, those of a face with itself as of its `two_sides`, and the mesh with these as faces, which a body
     of the user's forms is given; ValueError on every rank if there is no such face, or in small motions no part of it
     is opposite to another one; collective."""
-    found = list(contacts)
-    for number, one in enumerate(found):
+    sided = list(contacts)
+    for number, one in enumerate(sided):
         if one.against != one.face:
             continue
         if isinstance(mesh, Deformable):
@@ -184,8 +184,8 @@ def on_two_sides(
             mesh = replace(of, faces={**of.faces, **sides})
         known = depth if one.depth is None and np.isfinite(depth) else one.depth
         slave, master = names_of_sides(one.face)
-        found[number] = replace(one, face=slave, against=master, depth=known, slave=one.slave or not meet)
-    return mesh, tuple(found)
+        sided[number] = replace(one, face=slave, against=master, depth=known, slave=one.slave or not meet)
+    return mesh, tuple(sided)
 
 
 def names_of_sides(face: str) -> tuple[str, str]:

@@ -162,8 +162,8 @@ def rigid_balance(e: Evidence, outer: FloatArray, lengths_: FloatArray, turnover
         Largest of six sums over the sum of all forces, and the largest imbalance of a free motion over its spring
         forces, of all components; and their number; collective.
     """
-    found = [_of_part(e, e.component == number, outer, length, turnover) for number, length in enumerate(lengths_)]
-    return worst(*(balance for balance, _ in found)), worst(*(drift for _, drift in found)), len(found)
+    of_parts = [_of_part(e, e.component == number, outer, length, turnover) for number, length in enumerate(lengths_)]
+    return worst(*(balance for balance, _ in of_parts)), worst(*(drift for _, drift in of_parts)), len(of_parts)
 
 
 def _of_part(e: Evidence, here: BoolArray, outer: FloatArray, length: float, turnover: float) -> tuple[float, float]:
@@ -363,10 +363,10 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
         check = Check(name, worst(over.max(values), 0.0), limit, unit, meaning)
         return check if check.passed else replace(check, meaning=f"{meaning}{_place(e, values, over)}")
 
-    found = f"{amount(deepest, digits=2)}, over {_range(length, over)}{mean}"
-    inside = at_points("penetration", -gap, found)
+    depth_in_words = f"{amount(deepest, digits=2)}, over {_range(length, over)}{mean}"
+    inside = at_points("penetration", -gap, depth_in_words)
     if (beside := over.max(-e.held_gap / scales.at_held)) > inside.value:
-        inside = relative("penetration", beside, found)
+        inside = relative("penetration", beside, depth_in_words)
     checks = (
         relative("finite", float(len(faults)), "; ".join(faults) or "no number overflows or vanishes"),
         relative("equilibrium", worst(*left), f"forces in balance at free nodes{each}"),

@@ -161,10 +161,10 @@ class _Bodies:
         return unit * np.sqrt(self.sums((lengths(vectors) / unit) ** 2))
 
     def largest(self, values: FloatArray, none: float = 0.0) -> FloatArray:
-        found = np.full(self._count, none)
+        sizes = np.full(self._count, none)
         with np.errstate(invalid="ignore"):  # nan is the largest
-            np.maximum.at(found, self._number, values)
-        return self._over.largest(found)
+            np.maximum.at(sizes, self._number, values)
+        return self._over.largest(sizes)
 
 
 def scales_of(e: Evidence, outer: tuple[FloatArray, ...], over: Reductions) -> Scales:
@@ -271,11 +271,11 @@ def of_half(values: FloatArray, force: FloatArray, over: Reductions) -> float:
 
 def _of_loads_alone(e: Evidence) -> FloatArray:
     """`Evidence.blocked` at the nodes of every body, metres, shape (k,)."""
-    found = np.zeros(len(e.x))
+    scale = np.zeros(len(e.x))
     bodies = e.bodies or (slice(None),)
     for nodes, one in zip(bodies, np.broadcast_to(e.blocked, len(bodies)), strict=True):
-        found[nodes] = one
-    return found
+        scale[nodes] = one
+    return scale
 
 
 def place_of_largest(

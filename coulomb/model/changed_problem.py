@@ -32,8 +32,8 @@ def near(answer: DiscreteProblem, problem: DiscreteProblem) -> DiscreteProblem:
             "problems are not near to each other"
         )
     if problem.time != answer.time or problem.before is not answer.before:
-        at = problem.body.at_time(answer.time)
-        problem = problem.in_state(at.state(answer.time, answer.before), None, answer.before, at)
+        body = problem.body.at_time(answer.time)
+        problem = problem.in_state(body.state(answer.time, answer.before), None, answer.before, body)
     points = [(of.nodes, of.part) for of in (answer.surface, problem.surface)]
     if over.any(not all(np.array_equal(*of) for of in zip(*points, strict=True))):
         raise ValueError("between: the problem has other contact points than that of the answer")

@@ -323,7 +323,7 @@ class ContactBody:
     @cached_property
     def faces_meet(self) -> bool:
         """Whether a node is on several contact faces, and so has several contact points; collective."""
-        nodes = np.concatenate([self.elasticity.nodes(one.face, "contact") for one in self.contacts])
+        nodes = np.concatenate([self.elasticity.nodes(contact.face, "contact") for contact in self.contacts])
         return bool(self.comm.allreduce(len(np.unique(nodes)) < len(nodes), op=MPI.LOR))
 
     def pair(self, number: int) -> Pair:
@@ -348,9 +348,9 @@ class ContactBody:
         off, depths = np.zeros(len(surface.nodes)), np.zeros((2, len(surface.nodes)))
         for number, contact in enumerate(self.contacts):
             if contact.against is not None:
-                at, pair = surface.part == number, self.judged_pair(number)
-                off[at] = pair.off_linear(u, surface.nodes[at], surface.frames[at, 0])
-                depths[:, at] = pair.depths(u, given[at])
+                points, pair = surface.part == number, self.judged_pair(number)
+                off[points] = pair.off_linear(u, surface.nodes[points], surface.frames[points, 0])
+                depths[:, points] = pair.depths(u, given[points])
         return off, depths
 
     def recorded_poses(self, contents: Mapping[str, Any]) -> FloatArray | None:
@@ -361,8 +361,8 @@ class ContactBody:
             return None
         poses = np.zeros((len(self.contacts), 6))
         try:
-            found = {one["face"]: [*one["translation"], *one["rotation"]] for one in contents["loaded_foundations"]}
-            poses[list(names)] = [found[name] for name in names.values()]
+            pose_of = {one["face"]: [*one["translation"], *one["rotation"]] for one in contents["loaded_foundations"]}
+            poses[list(names)] = [pose_of[name] for name in names.values()]
         except (KeyError, TypeError, ValueError):
             raise ValueError(
                 "summary.json: loaded_foundations: has not the motions of the contacts under load"
@@ -373,11 +373,11 @@ class ContactBody:
         """`State.turns` as a summary.json has them; None in small motions, and without rigid faces; ValueError if it
         does not fit."""
         motions = self.elasticity.constraints.motions
-        if not any(one.finite for one in motions):
+        if not any(motion.finite for motion in motions):
             return None
         try:
-            found = {one["face"]: one["rotation"] for one in contents["rigid_faces"]}
-            turns = np.array([found[one.given.face] for one in motions], dtype=np.float64)
+            turn_of = {one["face"]: one["rotation"] for one in contents["rigid_faces"]}
+            turns = np.array([turn_of[motion.given.face] for motion in motions], dtype=np.float64)
             return turns.reshape(len(motions), 3)
         except (KeyError, TypeError, ValueError):
             raise ValueError("summary.json: rigid_faces: has not the rotations of the rigid faces") from None

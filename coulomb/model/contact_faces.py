@@ -42,7 +42,7 @@ class StatePoints(NamedTuple):
     @staticmethod
     def of_faces(elasticity: Deformable, contacts: Sequence[Contact]) -> StatePoints:
         """All nodes of contact faces."""
-        faces = [elasticity.nodes(one.face, "contact") for one in contacts]
+        faces = [elasticity.nodes(contact.face, "contact") for contact in contacts]
         return StatePoints(np.concatenate(faces), np.repeat(np.arange(len(faces)), [len(nodes) for nodes in faces]))
 
     def places(self, surface: ContactSurface) -> IntArray:
@@ -52,14 +52,14 @@ class StatePoints(NamedTuple):
 
 def slaves_as_faces(elasticity: Deformable, contacts: Sequence[Contact]) -> tuple[tuple[Contact, ...], tuple[str, ...]]:
     """Contacts with the slave of every pair as their face, and what was chosen in words; collective."""
-    found, words = [], []
+    ordered, words = [], []
     pairs = [{contact.face, contact.against} for contact in contacts if contact.against is not None]
     for number, pair in enumerate(pairs):
         if pair in pairs[:number]:
             raise ValueError(f"contact: the pair of {' and '.join(map(repr, sorted(map(str, pair))))} is given twice")
     for contact in contacts:
         if contact.against is None:
-            found.append(contact)
+            ordered.append(contact)
             continue
         ties = [tie for tie in elasticity.constraints.lasting if tie.joins(contact.face, contact.against)]
         others = {tie.face for tie in ties} - {contact.face if contact.slave else ties[0].face if ties else ""}
@@ -74,9 +74,9 @@ def slaves_as_faces(elasticity: Deformable, contacts: Sequence[Contact]) -> tupl
             slave, master, why = contact.face, contact.against, "it was given as the slave"
         else:
             slave, master, why = slave_side(elasticity, contact.face, contact.against)
-        found.append(contact if slave == contact.face else contact.exchanged())
+        ordered.append(contact if slave == contact.face else contact.exchanged())
         words.append(f"contact of {slave!r} with {master!r}: contact points on the first, since {why}")
-    return tuple(found), tuple(words)
+    return tuple(ordered), tuple(words)
 
 
 class ContactFaces:

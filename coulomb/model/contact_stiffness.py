@@ -194,7 +194,7 @@ class FixedStiffness:
         solver, B = self.solver, self._reference.free_B
         with timed(self._seconds, "compliance"):
             if self.method.explicit and isinstance(solver, MultifrontalSolver | FirstRankSolver):
-                large = any(isinstance(one.body, NonlinearBody) for one in self.elasticity.members)
+                large = any(isinstance(member.body, NonlinearBody) for member in self.elasticity.members)
                 return SchurCompliance(B, solver, halved=large)
             parts = solver.parts if isinstance(solver, IterativeSolver) else parts_of(self.elasticity.K)
             return MatrixFreeCompliance(B, self.elasticity, solver, parts, soft=self._soft)
@@ -323,22 +323,22 @@ class ContactStiffness:
         unless the user wants none: products by factors of thin sheets have rounding errors of 1e-5 of a force.
         """
         solver, explicit = self._given
-        found, small = [self._first], self.interface <= EXPLICIT_UP_TO
-        if found[0].linear_solver is IterativeSolver and solver is None:
-            found.append(Method(DirectSolver, small if explicit is None else explicit, words="K is factorised"))
-        if found[-1].linear_solver is not DirectSolver or explicit:
-            return found
-        last = found[-1]
+        methods, small = [self._first], self.interface <= EXPLICIT_UP_TO
+        if methods[0].linear_solver is IterativeSolver and solver is None:
+            methods.append(Method(DirectSolver, small if explicit is None else explicit, words="K is factorised"))
+        if methods[-1].linear_solver is not DirectSolver or explicit:
+            return methods
+        last = methods[-1]
         if self._condensable:
             words = "Newton systems are made of K with springs in place of A"
             condensed = Method(DirectSolver, False, CondensedSystem, words)
             if explicit is None and not last.explicit and self._ill_conditioned:  # from the beginning
-                found[-1] = replace(condensed, words=last.words)
+                methods[-1] = replace(condensed, words=last.words)
             else:
-                found.append(condensed)
+                methods.append(condensed)
             if self.comm.size == 1 and explicit is None and self._unknowns["contact"] <= _DENSE_UP_TO:
-                found.append(Method(DirectSolver, True, DenseSystem, "A is formed"))
-        return [*found, Method(DirectSolver, True, words="A is formed")] if explicit is None else found
+                methods.append(Method(DirectSolver, True, DenseSystem, "A is formed"))
+        return [*methods, Method(DirectSolver, True, words="A is formed")] if explicit is None else methods
 
     @property
     def _first(self) -> Method:

@@ -41,21 +41,21 @@ def deepest(
     gap, part = (np.concatenate(answer.comm.allgather(of)) for of in (answer.gap, answer.part))
 
     def depths() -> FloatArray:
-        found = np.zeros(len(foundations))
+        depth = np.zeros(len(foundations))
         for k, (face, of) in enumerate(zip(between, foundations, strict=False)):
             if of is not None and len(face.x) and len(points):
-                at, none = points[part == k], np.all(gap[part == k] == given[part == k])
-                noise = 2.0 * float(np.max(np.abs(of.signed_distance(at)), initial=0.0)) if none else 0.0
-                extent = float(np.max(np.ptp(at, axis=0))) if len(at) else 0.0
+                here, none = points[part == k], np.all(gap[part == k] == given[part == k])
+                noise = 2.0 * float(np.max(np.abs(of.signed_distance(here)), initial=0.0)) if none else 0.0
+                extent = float(np.max(np.ptp(here, axis=0))) if len(here) else 0.0
                 noise = noise if noise <= 2.0 * NOISE * extent else 0.0
-                found[k] = np.max(_depths(face, of, points, given, noise, large), initial=0.0)
-        return found
+                depth[k] = np.max(_depths(face, of, points, given, noise, large), initial=0.0)
+        return depth
 
     try:
-        found = on_all_ranks(depths, "contact: foundation", answer.comm)
+        depth = on_all_ranks(depths, "contact: foundation", answer.comm)
     except ValueError:
         return np.full(len(foundations), math.nan)
-    return Reductions(answer.comm).largest(found)
+    return Reductions(answer.comm).largest(depth)
 
 
 def chords_of(
@@ -75,19 +75,19 @@ def chords_of(
     every, own = ([np.concatenate(comm.allgather(of)) for of in side] for side in zip(*parts, strict=True))
 
     def bends() -> list[tuple[FloatArray, FloatArray]]:
-        found: list[tuple[FloatArray, FloatArray]] = [(np.zeros(0), np.zeros(0))] * len(foundations)
+        ends: list[tuple[FloatArray, FloatArray]] = [(np.zeros(0), np.zeros(0))] * len(foundations)
         for k, (face, of) in enumerate(zip(faces, foundations, strict=False)):
             if of is not None and len(own[k]):
                 here = _with_node(face, own[k])
-                found[k] = face.bend(of.signed_distance)[here], face.spread(of.signed_distance)[here]
-        return found
+                ends[k] = face.bend(of.signed_distance)[here], face.spread(of.signed_distance)[here]
+        return ends
 
     try:
-        found = on_all_ranks(bends, "contact: foundation", comm)
+        ends = on_all_ranks(bends, "contact: foundation", comm)
     except ValueError:
         return np.full(len(foundations), math.nan), np.zeros(len(foundations))
     chords = np.zeros((2, len(foundations)))
-    for k, (bend, spread) in enumerate(found):
+    for k, (bend, spread) in enumerate(ends):
         here = pressing & (answer.part == k)
         of_pair = largest(answer.chord[here, 0], over), of_half(answer.chord[here, 1], answer.force[here, 0], over)
         chord = np.max([*of_pair, np.minimum(largest(bend, over), largest(spread, over))])  # nan if one is
@@ -121,27 +121,27 @@ def missed(
         )
 
     def depths(spread: FloatArray) -> FloatArray:
-        found = np.zeros(len(foundations))
+        depth_of = np.zeros(len(foundations))
         for k, (face, of) in enumerate(zip(faces, foundations, strict=False)):
-            at = parts == k
-            if face.nodal and np.any(at) and not np.any(pressed[at]):
-                here = np.all(among(face.corners, x[at]), axis=1)
-                node = tree_of(x[at]).query(face.corners[here])[1]
+            chosen = parts == k
+            if face.nodal and np.any(chosen) and not np.any(pressed[chosen]):
+                here = np.all(among(face.corners, x[chosen]), axis=1)
+                node = tree_of(x[chosen]).query(face.corners[here])[1]
                 if of is None:
-                    chord = chords[at, 0][node].min(axis=1, initial=np.inf)
+                    chord = chords[chosen, 0][node].min(axis=1, initial=np.inf)
                 else:
                     chord = np.minimum(face.bend(of.signed_distance)[here], spread[k])
-                nearer = np.max(chords[at, 2] - gaps[at], initial=0.0, where=chords[at, 2] > 0.0)
-                depth = np.max(chord - gaps[at][node].mean(axis=1), initial=nearer)
-                found[k] = depth if depth > NOISE * np.max(np.ptp(x[at], axis=0)) else 0.0
-        return found
+                nearer = np.max(chords[chosen, 2] - gaps[chosen], initial=0.0, where=chords[chosen, 2] > 0.0)
+                depth = np.max(chord - gaps[chosen][node].mean(axis=1), initial=nearer)
+                depth_of[k] = depth if depth > NOISE * np.max(np.ptp(x[chosen], axis=0)) else 0.0
+        return depth_of
 
     try:
         most = Reductions(comm).largest(on_all_ranks(spreads, "contact: foundation", comm))
-        found = on_all_ranks(lambda: depths(most), "contact: foundation", comm)
+        depth_of = on_all_ranks(lambda: depths(most), "contact: foundation", comm)
     except ValueError:
         return np.full(len(foundations), math.nan)
-    return Reductions(comm).largest(found)
+    return Reductions(comm).largest(depth_of)
 
 
 def _with_node(face: FaceSamples, points: FloatArray) -> BoolArray:

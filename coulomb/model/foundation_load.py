@@ -159,38 +159,38 @@ class FoundationLoads:
 
     def posed(self, given: Sequence[RigidMotion], poses: FloatArray | None) -> tuple[RigidMotion, ...]:
         """The motions of all foundations: those given, and of those under load their poses (faces, 6), by default 0."""
-        found = list(given)
+        motions = list(given)
         for number, load in self._loads.items():
             pose, turn = np.zeros(6) if poses is None else poses[number], given[number].turn
             if load.turns:
                 angle = float(np.linalg.norm(pose[3:]))
                 axis = pose[3:] / angle if angle else np.array([1.0, 0.0, 0.0])
                 turn = Turn(self._parts[number].centre, axis, angle)
-            found[number] = RigidMotion(given[number].translation + pose[:3], turn)
-        return tuple(found)
+            motions[number] = RigidMotion(given[number].translation + pose[:3], turn)
+        return tuple(motions)
 
     def at(
         self, time: float, motions: Sequence[RigidMotion], poses: FloatArray | None, components: int
     ) -> tuple[LoadedFoundation, ...]:
         """The foundations under load after these motions, with their poses (faces, 6), by default 0; the bodies have so
         many components; ValueError on every rank if an amplitude fails; collective."""
-        found, still = list[LoadedFoundation](), np.zeros(3)
+        loaded, still = list[LoadedFoundation](), np.zeros(3)
         for number, load in self._loads.items():
             what, part = f"contact face {load.face!r}: force", self._parts[number]
             factor = on_all_ranks(partial(evaluate_amplitude, load.amplitude, time, what), "", self._comm)
-            here, index = replace(part, centre=part.centre + motions[number].translation), components + len(found)
+            here, index = replace(part, centre=part.centre + motions[number].translation), components + len(loaded)
             ways = [FreeMotion(index, here, axis, still) for axis in np.eye(3)]
             ways += [FreeMotion(index, here, still, axis / here.radius) for axis in np.eye(3)]
             given = np.array([one or 0.0 for one in (*load.force, *load.moment)], dtype=np.float64)
             given[3:] /= here.radius
             own = [way for way, free in zip(ways, load.free, strict=True) if free]
             pose = np.zeros(6) if poses is None else poses[number]
-            found.append(
+            loaded.append(
                 LoadedFoundation(
                     number, self.names[number], load, pose, tuple(own), factor / self._copies * given[load.free]
                 )
             )
-        return tuple(found)
+        return tuple(loaded)
 
 
 def with_foundations(free: FreeMotions, loaded: Sequence[LoadedFoundation]) -> FreeMotions:
@@ -202,14 +202,14 @@ def with_foundations(free: FreeMotions, loaded: Sequence[LoadedFoundation]) -> F
 
 def on_foundations(at_nodes: NodalAnswer) -> dict[int, Resultant]:
     """Force and moment of contact on the foundation of every contact that has one, by its number; collective."""
-    found, over = dict[int, Resultant](), Reductions(at_nodes.comm, at_nodes.copies)
+    resultant_of, over = dict[int, Resultant](), Reductions(at_nodes.comm, at_nodes.copies)
     for part, face in enumerate(at_nodes.faces):
         if at_nodes.against[part] is None:
             totals = at_nodes.totals(part)
             force, moment = (-np.array(totals[name]) for name in ("force", "moment"))
             nodal = over.sum(np.linalg.norm(at_nodes.on_body[at_nodes.part == part], axis=1))
-            found[part] = Resultant("foundation", face, f"foundation_{face}", force, moment, nodal)
-    return found
+            resultant_of[part] = Resultant("foundation", face, f"foundation_{face}", force, moment, nodal)
+    return resultant_of
 
 
 def motions_of(loaded: Sequence[LoadedFoundation], at_nodes: NodalAnswer) -> tuple[RigidFaceMotion, ...]:

@@ -135,12 +135,12 @@ class GeometricTerms:
         size = max(self._over.max(np.abs(one).ravel()) for one in moved)
         h = _STEP * self._extent / size if size > 0.0 else 1.0
         if self._start is None:
-            found = self._at(h, way).less(self._at(-h, way), 0.5 / h)
+            change = self._at(h, way).less(self._at(-h, way), 0.5 / h)
         else:
-            found = self._at(h, way).less(self._start, 1.0 / h)
-        linear, closed, apart = -found.load, found.c - self.relative(way.alpha), found.apart
+            change = self._at(h, way).less(self._start, 1.0 / h)
+        linear, closed, apart = -change.load, change.c - self.relative(way.alpha), change.apart
         if self._turns:
-            linear = linear - body.reduction.on_followed(found.turned)
+            linear = linear - body.reduction.on_followed(change.turned)
             apart = apart + body.reduction.left_apart(way.u)
         if self._large:
             closed = closed + problem.surface.rows(way.u)
@@ -151,7 +151,7 @@ class GeometricTerms:
             linear = linear + body.internal_force(way.u) - body.spring_force(way.u)
             if self._near:
                 linear += body.constraints.spring_force(way.u) - body.reduction.bent_force(way.u)
-        return replace(found, load=linear, apart=apart, c=closed, e=-found.e)
+        return replace(change, load=linear, apart=apart, c=closed, e=-change.e)
 
     def between(self, more: DiscreteProblem, less: DiscreteProblem, h: float) -> Terms:
         """By how much they are larger in one of two problems of small strains than in the other, over h, at the forces
@@ -210,9 +210,9 @@ class GeometricTerms:
 
         def of_points(values: FloatArray) -> FloatArray:
             """At the points of the answer; nan where one has become none."""
-            found = np.full((count, *values.shape[1:]), np.nan)
-            found[known] = values[here[known]]
-            return found
+            of_all = np.full((count, *values.shape[1:]), np.nan)
+            of_all[known] = values[here[known]]
+            return of_all
 
         c = problem.surface.components(np.einsum("kji,kj->ki", turn, of_points(surface.displacements(w))))
         body, e = there.elasticity, np.zeros(0 if problem.rigid is None else problem.rigid.count)

@@ -204,10 +204,10 @@ class Lagrangian:
         def terms(state: ContactState) -> FloatArray:
             return self.at_points(state, u, v) + per_area * state.surface.area  # bounds are of stresses
 
-        found = contact_along_places(answer, terms)
+        force = contact_along_places(answer, terms)
         for one, part in zip(body.members, loading.parts or [loading], strict=True):
-            found[one.nodes] += one.body.force_along_places(part, u[one.nodes], v[one.nodes])
-        return found
+            force[one.nodes] += one.body.force_along_places(part, u[one.nodes], v[one.nodes])
+        return force
 
 
 _TURNED: Final = 0.1
@@ -261,9 +261,9 @@ def gradient(
     problem = problem.with_factors(x)
     moving = _Moving(problem, x, u) if large else None
     at = at_answer(problem.friction_problem, problem.linear.formed_A, 1.0 / problem.linear.node_stiffness, x)
-    found = _gradient(problem, at, x, u, of_x, of_u, True, moving)
-    warn_of_several(found.condition, problem.comm)
-    return replace(found, loose=_gradient(problem, at, x, u, of_x, of_u, False, moving)) if found.border else found
+    result = _gradient(problem, at, x, u, of_x, of_u, True, moving)
+    warn_of_several(result.condition, problem.comm)
+    return replace(result, loose=_gradient(problem, at, x, u, of_x, of_u, False, moving)) if result.border else result
 
 
 class _Moving:
@@ -297,9 +297,9 @@ def _with_terms(
     """With the transposed geometric terms, by the fixed-point iteration of `sensitivity`; collective."""
     point, mixing, left = np.zeros_like(of_u), Anderson(MOST, over), np.inf
     for _ in range(MOST):
-        found = solved(of_u + point)
-        change = moving.by_u.owed(found.load, found.prescribed, found.contact, of_x) - point
-        change += moving.turning.owed(found.load)
+        adjoint = solved(of_u + point)
+        change = moving.by_u.owed(adjoint.load, adjoint.prescribed, adjoint.contact, of_x) - point
+        change += moving.turning.owed(adjoint.load)
         size = over.norm(of_u + point + change)
         left = over.norm(change) / size if size > 0.0 else 0.0
         if left <= _SETTLED:
@@ -310,7 +310,7 @@ def _with_terms(
             f"the geometric terms of gradients do not settle, by a part of {left:.0e}: the answer is nearly one of "
             "several, or was found with too large a tolerance"
         )
-    return found
+    return adjoint
 
 
 _SETTLED: Final = 1e-9
@@ -319,7 +319,7 @@ _SETTLED: Final = 1e-9
 
 def _gradient(
     problem: DiscreteProblem,
-    at: AnswerDerivatives,
+    derivatives: AnswerDerivatives,
     x: FloatArray,
     u: FloatArray,
     of_x: FloatArray,
@@ -337,24 +337,24 @@ def _gradient(
     def solved(of_u: FloatArray) -> _Owed:
         rigid = with_loading(problem, replace(still, load=of_u)).state.rigid
         of_alpha = np.zeros(0) if rigid is None else rigid.e
-        owed, border = at.gradient(of_x, body.reduction.along(of_u).ravel(), of_alpha, undetermined, firm)
+        owed, border = derivatives.gradient(of_x, body.reduction.along(of_u).ravel(), of_alpha, undetermined, firm)
         assert owed.f is not None
         whole, v = of_u + surface.at_nodes(owed.b), body.reduction.displacement(owed.f.reshape(-1, 3))
         reaction = whole - body.internal_force(v) + body.spring_force(v)
         prescribed = body.held.held_part(body.reduction.transferred(reaction)[: len(u)])
         return _Owed(v, problem.moved(v, owed.e), owed, prescribed, reaction, border)
 
-    found = solved(of_u) if moving is None else _with_terms(solved, of_u, of_x, moving, Reductions(problem.comm))
-    v, owed, start = found.load, found.contact, None
-    motions, bolts = owed_to_motions(body.constraints, found.reaction, v)
+    adjoint = solved(of_u) if moving is None else _with_terms(solved, of_u, of_x, moving, Reductions(problem.comm))
+    v, owed, start = adjoint.load, adjoint.contact, None
+    motions, bolts = owed_to_motions(body.constraints, adjoint.reaction, v)
     of_law = np.where(problem.law.below_limit(x[0::3]), owed.bound, 0.0)
     if moving is not None:
         before_terms = moving.by_before
         if before_terms is not None and before is not None:
-            start = before_terms.owed(v, found.prescribed, owed, of_x)
-            start += owed_before(body.constraints, problem.time, before.time, found.reaction)
+            start = before_terms.owed(v, adjoint.prescribed, owed, of_x)
+            start += owed_before(body.constraints, problem.time, before.time, adjoint.reaction)
     elif before is not None:  # slip counts from there, and supports that have begun and locked bolts move on from there
-        start = body.after_transposed(problem.time, before.time, found.reaction)
+        start = body.after_transposed(problem.time, before.time, adjoint.reaction)
         start -= surface.at_nodes(owed.b.reshape(-1, 3) * [0.0, 1.0, 1.0])
     return Gradient(
         friction=of_law * np.maximum(x[0::3], 0.0),
@@ -362,7 +362,7 @@ def _gradient(
         bound=owed.bound,
         gap=-owed.b[0::3],
         load=v,
-        prescribed=found.prescribed,
+        prescribed=adjoint.prescribed,
         temperature=_along_temperatures(problem, u, v),
         young={
             member.name: -member.body.work_in_cells(
@@ -373,7 +373,7 @@ def _gradient(
         },
         pretension=bolts,
         motions=motions,
-        border=found.border,
+        border=adjoint.border,
         loose=None,
         before=start,
         lagrangian=Lagrangian(
@@ -384,17 +384,17 @@ def _gradient(
             body.reduction.reduced(v),
             owed,
         ),
-        condition=at.condition,
+        condition=derivatives.condition,
     )
 
 
 def _along_temperatures(problem: DiscreteProblem, u: FloatArray, v: FloatArray) -> FloatArray | None:
     """What J owes to the change of temperature of every node, from what it owes to forces v (k, 3); collective."""
-    body, loading, found = problem.elasticity, problem.loading, np.zeros(len(u))
+    body, loading, work = problem.elasticity, problem.loading, np.zeros(len(u))
     if loading.temperature is None:
         return None
     for member, part in zip(body.members, loading.parts or [loading], strict=True):
         if part.temperature is not None and isinstance(member.body, Elasticity | HyperelasticBody):
             of, along = u[member.nodes], v[member.nodes]
-            found[member.nodes] = member.body.thermal_work(of, along, part.temperature.change)
-    return found
+            work[member.nodes] = member.body.thermal_work(of, along, part.temperature.change)
+    return work

@@ -48,35 +48,35 @@ class HeatDerivatives:
         at: The answer.
     """
 
-    def __init__(self, problem: DiscreteProblem, at: NodalAnswer):
+    def __init__(self, problem: DiscreteProblem, answer: NodalAnswer):
         heat, before = problem.state.heat, problem.before
         assert problem.body.heat is not None and heat is not None
-        self._problem, self._heat, self._at, self._change = problem, problem.body.heat, at, heat.change
+        self._problem, self._heat, self._at, self._change = problem, problem.body.heat, answer, heat.change
         self._duration = np.inf if before is None else problem.time - before.time
-        self._closed = at.status != OPEN
+        self._closed = answer.status != OPEN
 
     def inputs(self) -> dict[str, HeatInput]:
         """Those that are not 0, by their names; a name that occurs again has a number; collective."""
-        conduction, over, found = self._heat.conduction, Reductions(self._at.comm), dict[str, HeatInput]()
+        conduction, over, inputs = self._heat.conduction, Reductions(self._at.comm), dict[str, HeatInput]()
         factors, seen = conduction.factors(self._problem.time), Counter[str]()
         fixed, heats = conduction.prescribed(factors), conduction.heat(factors)
         for number, load in enumerate(conduction.loads):
             if over.any(bool(np.any(heats[number]) or np.any(fixed[conduction.fixed_by == number]))):
                 name = load.title if load.body is None else f"{load.title} of {load.body!r}"
                 seen[name] += 1
-                found[f"{name} ({seen[name]})" if seen[name] > 1 else name] = HeatInput(load=number)
+                inputs[f"{name} ({seen[name]})" if seen[name] > 1 else name] = HeatInput(load=number)
         for number, (contact, face) in enumerate(zip(self._problem.contacts, self._at.faces, strict=True)):
             if contact.thermal.conducts:
-                found[f"conductance of {face!r}"] = HeatInput(contact=number)
-        return found
+                inputs[f"conductance of {face!r}"] = HeatInput(contact=number)
+        return inputs
 
     def along(self, dx: FloatArray, slipping: FloatArray, given: HeatInput | None) -> tuple[FloatArray, Flows]:
         """Derivatives of the temperature, kelvin, shape (k,), and of the flows, watts, along those of contact forces
         and of relative displacements (m, 3), and along the logarithm of an input; collective."""
-        at, over = self._at, Reductions(self._at.comm)
-        pressure, power = at.pressure, at.work_at_end / self._duration
-        along = np.where(self._closed, dx[:, 0] / at.area, 0.0)
-        rubbing = np.sum((dx * at.relative_displacement + at.force * slipping)[:, 1:], axis=1) / self._duration
+        answer, over = self._at, Reductions(self._at.comm)
+        pressure, power = answer.pressure, answer.work_at_end / self._duration
+        along = np.where(self._closed, dx[:, 0] / answer.area, 0.0)
+        rubbing = np.sum((dx * answer.relative_displacement + answer.force * slipping)[:, 1:], axis=1) / self._duration
         sizes = [max(over.max(np.abs(of)), 1e-300) for of in (pressure, power)]
         least = np.where(self._closed & (along != 0.0), pressure / np.where(along != 0.0, np.abs(along), 1.0), np.inf)
         fast = max(over.max(np.abs(along)) / sizes[0], over.max(np.abs(rubbing)) / sizes[1], float(given is not None))
@@ -87,7 +87,7 @@ class HeatDerivatives:
             pressed = np.maximum(pressure + step * along, _LEAST * pressure)  # closed points stay so
             there = self._problem.surface, self._problem.time, pressed, power + step * rubbing
             change = heat.solve(*there, self._change)
-            ends.append((change, {one.name: one.power for one in heat.flows(*there, change).flows}))
+            ends.append((change, {flow.name: flow.power for flow in heat.flows(*there, change).flows}))
         (more, flows), (less, before) = ends
         return (more - less) / (2.0 * h), {name: (flows[name] - before[name]) / (2.0 * h) for name in flows}
 

@@ -46,23 +46,23 @@ def heated(posed: DiscreteProblem, heat: HeatProblem, solving: Solving, start: F
     steps, products = answer.result.newton_steps, answer.result.products
     for rounds in range(1, ROUNDS + 1):
         try:
-            found = heat.solve(*at_contact(answer), change)
+            temperature = heat.solve(*at_contact(answer), change)
         except ValueError as error:
             raise HeatNotConverged(str(error), replace(answer.result, status=Status.STAGNATED)) from None
-        apart = float(over.max(np.abs(found - change)) / (over.max(np.abs(found)) or 1.0))
+        apart = float(over.max(np.abs(temperature - change)) / (over.max(np.abs(temperature)) or 1.0))
         if apart <= AGREEMENT:
-            last = answer_of(at(found, answer.problem), answer.result)  # foundations under load where they rest
-            flows = heat.flows(*at_contact(last), found)
+            last = answer_of(at(temperature, answer.problem), answer.result)  # foundations under load where they rest
+            flows = heat.flows(*at_contact(last), temperature)
             loose = not answer.certificate.passed  # the solver was not asked for it
             if (last.certificate.passed or loose) and flows.balanced:
                 whole = replace(last.result, newton_steps=steps, products=products)  # of all rounds
-                there = at(found, answer.problem, replace(flows, rounds=rounds, agreement=apart))
+                there = at(temperature, answer.problem, replace(flows, rounds=rounds, agreement=apart))
                 return replace(last, problem=there, result=whole)
         if step is not None:  # Aitken's relaxation
-            turn = found - change - step
+            turn = temperature - change - step
             factor *= -over.dot(step, turn) / (over.dot(turn, turn) or 1.0)
             factor = min(max(factor, SHORTEST), LONGEST)
-        step = found - change
+        step = temperature - change
         change = change + factor * step
         answer = solving.in_place(at(change), answer.contact_force)
         steps, products = steps + answer.result.newton_steps, products + answer.result.products

@@ -183,9 +183,9 @@ def beside_pair(elasticity: Deformable, pair: Pair, adjust: float, deepest: floa
     if not comm.allreduce(bool(np.any(still)), op=MPI.LOR):
         return None
     own, face = facets_of(body, on_slave)[0], facets_of(master.body, on_master)[0]
-    found = hits(body.x[nodes], n, face, min(own.extent, deepest), own.extent)
-    which = still & (found.facet >= 0)
-    facet, place, gap = found.facet[which], found.place[which], np.maximum(found.way[which], 0.0)
+    hit = hits(body.x[nodes], n, face, min(own.extent, deepest), own.extent)
+    which = still & (hit.facet >= 0)
+    facet, place, gap = hit.facet[which], hit.place[which], np.maximum(hit.way[which], 0.0)
     values, columns = face.at(facet, place)[0], elasticity.numbers_of(master, face.nodes[facet].ravel())
     rows = values.ravel(), columns, values.shape[1] * np.arange(len(facet) + 1)
     opposite = scipy.sparse.csr_matrix(rows, (len(facet), elasticity.numbering.total))
@@ -254,14 +254,14 @@ def refuse_held_inside(
         depth = -nodes.remaining(np.zeros_like(prescribed) if exact else prescribed)[nodes.held]
         inside = depth > 0.0
         place = first_place(elasticity.x[nodes.nodes[nodes.held]], inside) if np.any(inside) else ""
-        found = elasticity.comm.allgather((int(inside.sum()), float(np.max(depth, initial=0.0)), place))
-        if count := sum(number for number, _, _ in found):
-            where, sign = next(place for number, _, place in found if number), ""
+        inner = elasticity.comm.allgather((int(inside.sum()), float(np.max(depth, initial=0.0)), place))
+        if count := sum(number for number, _, _ in inner):
+            where, sign = next(place for number, _, place in inner if number), ""
             if isinstance(contact.gap, int | float) and contact.gap < 0.0:
                 sign = f"its gap of {amount(contact.gap)} is an interference, a distance is positive; "
             raise ValueError(
                 f"contact face {contact.face!r}: supports, or what its nodes follow, hold {count} of its nodes inside "
-                f"{what}, up to {amount(max(depth for _, depth, _ in found))} deep at time {time:g} (first seen at x = "
+                f"{what}, up to {amount(max(depth for _, depth, _ in inner))} deep at time {time:g} (first seen at x = "
                 f"{where}), where no contact force can move them: {sign}prescribe displacements that stay outside, "
                 "move the foundation less, or end the support or the contact face before these nodes"
             )

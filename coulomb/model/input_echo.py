@@ -61,10 +61,10 @@ def loads_of(problem: DiscreteProblem, times: Sequence[float]) -> list[LoadResul
         )
         largest = int(np.argmax(np.abs(factors)))
         forces = NodalForces(load.kind, load.face, factors[largest] * applied.nodal_force)
-        (found,) = resultants([forces], body.x, over)
-        small = _ROUNDING * found.nodal
-        force = np.where(np.abs(found.force) <= small, 0.0, found.force)
-        moment = np.where(np.abs(found.moment) <= small * arm, 0.0, found.moment)
+        (total,) = resultants([forces], body.x, over)
+        small = _ROUNDING * total.nodal
+        force = np.where(np.abs(total.force) <= small, 0.0, total.force)
+        moment = np.where(np.abs(total.moment) <= small * arm, 0.0, total.moment)
         size = "temperature by conduction" if load.kind == ThermalLoad.kind and problem.body.heat else applied.size
         what = f"{load_title(load)}, {size}" if size else load_title(load)
         return LoadResultant(what, times[largest], force, moment)
@@ -98,10 +98,10 @@ def ties_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
 def contacts_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
     """Face, nodes, law, foundation, gap at the problem's time, given gap without amplitude, and motion of every
     contact; collective."""
-    over, surface, found = Reductions(problem.comm), problem.surface, []
+    over, surface, contacts = Reductions(problem.comm), problem.surface, []
     for part, (contact, foundation) in enumerate(zip(problem.contacts, problem.body.foundations, strict=True)):
         here = surface.part == part
-        found.append(
+        contacts.append(
             {
                 "face": contact.face,
                 "nodes": int(over.sum(here.astype(float))),
@@ -113,7 +113,7 @@ def contacts_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
                 "moves": _moves(contact),
             }
         )
-    return found
+    return contacts
 
 
 def _ends(values: FloatArray, over: Reductions) -> dict[str, float]:

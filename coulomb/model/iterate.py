@@ -51,14 +51,14 @@ class CarriedForces:
     @classmethod
     def of(cls, x: FloatArray, surface: ContactSurface, points: StatePoints) -> CarriedForces:
         """Of forces x (3 m,) at the contact points of a surface."""
-        (vectors, normals), at = np.zeros((2, len(points.nodes), 3)), points.places(surface)
-        vectors[at], normals[at] = surface.vectors(x.reshape(-1, 3)), surface.frames[:, 0]
+        (vectors, normals), places = np.zeros((2, len(points.nodes), 3)), points.places(surface)
+        vectors[places], normals[places] = surface.vectors(x.reshape(-1, 3)), surface.frames[:, 0]
         return cls(vectors, normals)
 
     def at(self, surface: ContactSurface, points: StatePoints) -> FloatArray:
         """Along the frames of a surface, turned as its normals have (parallel transport), shape (3 m,)."""
-        at = points.places(surface)
-        f, n, m = self.vectors[at], self.normals[at], surface.frames[:, 0]
+        places = points.places(surface)
+        f, n, m = self.vectors[places], self.normals[places], surface.frames[:, 0]
         axis, cosine = np.cross(n, m), np.einsum("ki,ki->k", n, m)[:, None]
         along = np.einsum("ki,ki->k", axis, f)[:, None] / np.maximum(1.0 + cosine, _OPPOSITE)
         return surface.force_components(cosine * f + np.cross(axis, f) + along * axis).ravel()
@@ -108,7 +108,7 @@ class Linearised(DiscreteProblem):
     @property
     def _u(self) -> FloatArray:
         """The displacement from which it is linearised, metres, shape (k, 3)."""
-        return np.concatenate([nonlinear(one.body).place.u for one in self.elasticity.members])
+        return np.concatenate([nonlinear(member.body).place.u for member in self.elasticity.members])
 
     @property
     def friction_problem(self) -> FrictionProblem:
@@ -123,7 +123,7 @@ class Linearised(DiscreteProblem):
 
     @property
     def prescribed(self) -> FloatArray:
-        return np.concatenate([nonlinear(one.body).place.prescribed for one in self.elasticity.members])
+        return np.concatenate([nonlinear(member.body).place.prescribed for member in self.elasticity.members])
 
     def evidence_here(self, x: FloatArray, compliance: FloatArray, by_lines: bool = True) -> Evidence:
         """The evidence of the nonlinear problem for forces x (3 m,) at the displacement from which it is linearised;
@@ -246,9 +246,9 @@ class Iterate:
         self._before, self.body = before, linearised(body, u, time, end, previous)
         posed = pose(self.body, time)
         there, self.foundations = posed.state, posed.body.foundations
-        at = points.places(there.surface)
-        accumulated, force = before.accumulated.at(at), before.force_on_body[at]
-        then = replace(there, slip_rate=before.slip_rate[at], accumulated=accumulated, force_before=force)
+        places = points.places(there.surface)
+        accumulated, force = before.accumulated.at(places), before.force_on_body[places]
+        then = replace(there, slip_rate=before.slip_rate[places], accumulated=accumulated, force_before=force)
         if start is not None:
             given = posed.body.given_gap(there.surface, time)
             turns = [self._turn(face) for face in there.surface.faces]
@@ -274,13 +274,13 @@ class Iterate:
         """Whether what the linear problem leaves out are faces that slide on each other alone."""
         constraints, pairs = self.body.constraints, self.problem.body.pairs
         turning = constraints.ties or constraints.motions or constraints.bolts
-        bodies = [one.body for one in self.body.members]
+        bodies = [member.body for member in self.body.members]
         return (
             len(pairs) == len(self.problem.contacts)
             and not any(any(contact.closed) for contact in self.problem.contacts)
             and all(pair.near.slave.patch.curved is None for pair in pairs)
             and not turning
-            and not any(nonlinear(one).follows or one.has_mean_dilatation or list(one.wrenches()) for one in bodies)
+            and not any(nonlinear(body).follows or body.has_mean_dilatation or list(body.wrenches()) for body in bodies)
         )
 
     def slid(self, du: FloatArray) -> DiscreteProblem:
@@ -317,7 +317,7 @@ class Iterate:
         size = diagonal.array_r[: body.x.size].reshape(-1, 3).mean(axis=1)
         diagonal.destroy()
         x, held = x.reshape(-1, 3), len(body.free) == 0
-        stiffened = np.array([one is not None or held for one in self.foundations])[surface.part]
+        stiffened = np.array([foundation is not None or held for foundation in self.foundations])[surface.part]
         pressing = stiffened & (x[:, 0] > 0.0)
         if over.all(not np.any(pressing)):  # at the first touch: what touches
             pressing = stiffened & (np.abs(surface.gap) <= _TOUCHES * over.max(np.abs(body.x).ravel()))
@@ -418,5 +418,5 @@ def each(
 ) -> Deformable:
     """The same bodies, each changed, and displaced by u (k, 3) if it is given (`JoinedBodies.of`); the change is given
     its nodes."""
-    changed = [change(nonlinear(one.body), one.nodes) for one in body.members]
+    changed = [change(nonlinear(member.body), member.nodes) for member in body.members]
     return body.of(changed, u, before) if isinstance(body, JoinedBodies) else changed[0]

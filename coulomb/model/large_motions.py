@@ -164,12 +164,12 @@ class LoadStepLoop:
     def _on_stable_branch(self, answer: Solution, state: State, tolerance: float, solve: _Solve) -> Solution:
         """From an unstable answer along its mode, to either side, to one that is unstable in fewer directions, until it
         is stable: a column that may buckle to any side is led to one that its mesh prefers."""
-        found = answer.stability
-        if found is None or not found.unstable:
+        stable = answer.stability
+        if stable is None or not stable.unstable:
             return answer
         size, self._damped = Reductions(self.comm).max(np.linalg.norm(answer.displacement, axis=1)), True
         for part, side in product(_PERTURBED, (1.0, -1.0)):
-            start = answer.displacement + side * part * size * found.mode
+            start = answer.displacement + side * part * size * stable.mode
             try:
                 other = self._whole_step(state, start, tolerance, solve)
             except (CGNotConverged, NotPositiveDefinite, Refused, NotConverged) as failure:
@@ -177,10 +177,10 @@ class LoadStepLoop:
                     raise
                 _log.debug("along the mode by %g: %s", side * part * size, failure)
                 continue
-            if other.stability is not None and other.stability.unstable < found.unstable:
+            if other.stability is not None and other.stability.unstable < stable.unstable:
                 return self._on_stable_branch(other, state, tolerance, solve)
         raise self._cut(
-            f"its equilibrium is unstable in {found.unstable} directions, and none that is stable was found along the "
+            f"its equilibrium is unstable in {stable.unstable} directions, and none that is stable was found along the "
             "mode: the body snaps far away"
         )
 
@@ -188,8 +188,8 @@ class LoadStepLoop:
         """Of bodies that slide on each other, with bolts, or under loads that follow their surface, by exact Newton
         steps, and if these fail, by those of the linear problems alone: else these converge fast enough with the
         tangents of the bodies."""
-        pairs = any(one.against for one in self.shared.contacts)
-        followed = any(nonlinear(one.body).follows for one in self.elasticity.members)
+        pairs = any(contact.against for contact in self.shared.contacts)
+        followed = any(nonlinear(member.body).follows for member in self.elasticity.members)
         if pairs or followed or self.elasticity.constraints.bolts:
             try:
                 begin = self._ahead(state, u) if pairs else self._turned(state, u)
@@ -223,7 +223,7 @@ class LoadStepLoop:
         if earlier is None or u is not state.displacement or not state.time > earlier.time:
             return u
         ahead = u + (self.time - state.time) / (state.time - earlier.time) * (u - earlier.displacement)
-        ratios = [nonlinear(one.body).least_volume_ratio(ahead[one.nodes]) for one in self.elasticity.members]
+        ratios = [nonlinear(member.body).least_volume_ratio(ahead[member.nodes]) for member in self.elasticity.members]
         return ahead if np.min(ratios) > 0.0 else u
 
     def _solved_from(self, state: State, u: FloatArray, tolerance: float, solve: _Solve, exact: bool) -> Solution:
@@ -331,9 +331,9 @@ class LoadStepLoop:
         state = self._state
         here = self._elsewhere(displacement, poses, state)
         surface = here.problem.surface
-        at = self.shared.points.places(surface)
-        x = -surface.force_components(force_on_body[at]).ravel()
-        return self.judged(here, x, replace(_without_answer(len(at)), unsettled=unsettled), compliance[at])
+        places = self.shared.points.places(surface)
+        x = -surface.force_components(force_on_body[places]).ravel()
+        return self.judged(here, x, replace(_without_answer(len(places)), unsettled=unsettled), compliance[places])
 
     def judged(self, here: Iterate, x: FloatArray, result: SolverResult, compliance: FloatArray) -> Solution:
         """The answer of forces x (3 m,) at an iterate, judged by diag(A) there (m, 3); collective."""
@@ -376,7 +376,7 @@ class LoadStepLoop:
             least, ratio, most = _DAMPINGS
             dampings = max(shared.damping / ratio, least) * ratio ** np.arange(_MOST)
             dampings = dampings[dampings <= (most if self._damped else _LITTLE)]
-            remedies += [partial(here.supported, damping=float(one)) for one in dampings]
+            remedies += [partial(here.supported, damping=float(damping)) for damping in dampings]
         if not self._damped:  # takes long steps of the boundary, but leaves an unstable equilibrium slowly
             remedies.append(here.made_positive)
         for remedy in remedies:
@@ -419,7 +419,7 @@ class LoadStepLoop:
         """The iterate after a change of the displacement, with foundations under load in these poses; None if it turns
         an element inside out, or takes bodies so far away that rounding errors of places would hide gaps."""
         u = here.u + du
-        ratios = [nonlinear(one.body).least_volume_ratio(u[one.nodes]) for one in self.elasticity.members]
+        ratios = [nonlinear(member.body).least_volume_ratio(u[member.nodes]) for member in self.elasticity.members]
         over = Reductions(self.comm)
         extent = float(np.max(over.extent(self.elasticity.reference)))
         if not np.min(ratios) > 0.0 or over.max(np.abs(u).ravel()) > _FAR * extent:
@@ -484,8 +484,8 @@ class LoadStepLoop:
         change = Reductions(self.comm, copies).dot(then.kept + now.kept, now.displacement - then.displacement)
         known.append(problem.elasticity.constraints.spring_energy(now.displacement, problem.time))
         elastic = copies * sum(known) if len(known) > len(own) else before.energy.elastic + 0.5 * change
-        at = self.shared.points.places(problem.surface)
-        return ended(before, solution, then, now, at, elastic=elastic)
+        places = self.shared.points.places(problem.surface)
+        return ended(before, solution, then, now, places, elastic=elastic)
 
     @staticmethod
     def _forces(problem: DiscreteProblem, u: FloatArray, e: Evidence, on_body: FloatArray) -> Forces:

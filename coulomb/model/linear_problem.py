@@ -285,7 +285,7 @@ class LinearProblem:
         component, over = self.elasticity.component[self.surface.nodes], Reductions(self.elasticity.comm)
         size = np.zeros(int(over.max(self.elasticity.component.astype(np.float64))) + 1)
         np.maximum.at(size, component, np.abs(self.surface.x).max(axis=1, initial=0.0))
-        large = any(isinstance(one.body, NonlinearBody) for one in self.elasticity.members)
+        large = any(isinstance(member.body, NonlinearBody) for member in self.elasticity.members)
         error = rounding_of_gaps(gap, free[:, 0], over.largest(size)[component], large)
         free[:, 0] -= gap
         free[:, 0][np.abs(free[:, 0]) <= error] = 0.0
@@ -365,7 +365,7 @@ class LinearProblem:
             left = loading.prescribed - body.held.held_part(carried)
             left[np.any(carried != 0.0, axis=1)] = 0.0
             load = loading.load + body.spring_force(carried)
-            nonlinear = (one.body for one in body.members if isinstance(one.body, NonlinearBody))
+            nonlinear = (member.body for member in body.members if isinstance(member.body, NonlinearBody))
             if body.added_springs is not None or any(one.resists_translation for one in nonlinear):
                 load = load - body.internal_force(carried)
             loading = replace(loading, load=load, prescribed=left)
@@ -398,7 +398,7 @@ class LinearProblem:
         others, None if there is none; collective."""
         body, given = self.elasticity, self.loading.prescribed
         if body.constraints.ties or not all(
-            isinstance(one.body, Elasticity | HyperelasticBody) for one in body.members
+            isinstance(member.body, Elasticity | HyperelasticBody) for member in body.members
         ):
             return None
         held, over = body.held, Reductions(body.comm)

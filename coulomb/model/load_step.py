@@ -26,10 +26,10 @@ def _columns(
     name: str, entry: Mapping[str, Any], vectors: Sequence[str] = (), numbers: Sequence[str] = ()
 ) -> dict[str, Any]:
     """The columns of some entries of a dictionary in summary.json, after a name."""
-    found: dict[str, Any] = {}
+    columns: dict[str, Any] = {}
     for what in vectors:
-        found |= along_axes(f"{name}_{what}", entry[what])
-    return found | {f"{name}_{what}": entry[what] for what in numbers}
+        columns |= along_axes(f"{name}_{what}", entry[what])
+    return columns | {f"{name}_{what}": entry[what] for what in numbers}
 
 
 def face_columns(name: str, face: Mapping[str, Any]) -> dict[str, Any]:
@@ -81,7 +81,7 @@ def state_after(state: State, solution: Solution) -> State:
     """The state at the end of the step that follows one, with updated energies; collective."""
     problem, surface, e = solution.problem, solution.problem.surface, solution.evidence
     body, u = problem.elasticity, state.displacement
-    at = problem.body.places(surface)
+    places = problem.body.places(surface)
 
     if state.forces is not None:
         then = state.forces
@@ -99,7 +99,7 @@ def state_after(state: State, solution: Solution) -> State:
     now = Forces.at(body, surface, solution.displacement, kept, e.load, solution.force_on_body, problem.time)
     # 0 where K stays: then u0 . K u1 = u1 . K u0
     stiffened = coefficients_work(then, now, Reductions(problem.comm, body.copies)) if body.forms() is not None else 0.0
-    return ended(state, solution, then, now, at, stiffened)
+    return ended(state, solution, then, now, places, stiffened)
 
 
 def ended(
@@ -107,7 +107,7 @@ def ended(
     solution: Solution,
     then: Forces,
     now: Forces,
-    at: IntArray,
+    nodes: IntArray,
     stiffened: float = 0.0,
     elastic: float | None = None,
 ) -> State:
@@ -124,7 +124,7 @@ def ended(
 
     def put(values: FloatArray, into: FloatArray) -> FloatArray:
         whole = into.copy()
-        whole[at] = values
+        whole[nodes] = values
         return whole
 
     surface, large = problem.surface, problem.body.undeformed is not None
@@ -133,10 +133,10 @@ def ended(
     moved_then, moved = (problem.body.foundation_displacement(problem.state, state, x) for x in (x_then, surface.x))
     widened = answer.given_gap - problem.body.given_gap(surface, state.time)
     approach = surface.rows(change)[:, 0] - surface.components(0.5 * (moved_then + moved))[:, 0]
-    strength = np.linalg.norm(state.force_on_body[at], axis=1)
+    strength = np.linalg.norm(state.force_on_body[nodes], axis=1)
     opened = strength <= OPEN_BELOW * over.max(strength)
     also = _by_given_gaps(widened, approach, answer, opened)
-    foundation = 0.5 * (over.dot(state.force_on_body[at], moved_then + also) + over.dot(on_body, moved + also))
+    foundation = 0.5 * (over.dot(state.force_on_body[nodes], moved_then + also) + over.dot(on_body, moved + also))
     dissipated = over.sum(answer.friction_work)
     energy = state.energy.after(then, now, foundation, dissipated, over, stiffened)
     rate = np.linalg.norm(answer.slip, axis=1) / (problem.time - state.time)
@@ -157,7 +157,7 @@ def ended(
         turns=problem.elasticity.constraints.turns,
         friction_error=None
         if state.friction_error is None
-        else (1.0 - state.new_part(at, answer)) * state.friction_error,
+        else (1.0 - state.new_part(nodes, answer)) * state.friction_error,
     )
 
 

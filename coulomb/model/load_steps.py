@@ -140,8 +140,8 @@ class LoadSteps:
             if foundation is None:
                 names, through = (contact.face, str(contact.against)), repr(contact.against)
                 faces = ((one.body.face(name, "contact") for one in (begin, end)) for name in names)
-                patches = [tuple(facet_patch(of.body, facets) for of, facets in one) for one in faces]
-                found = through_each_other(patches, comm)
+                patches = [tuple(facet_patch(of.body, facets) for of, facets in face) for face in faces]
+                passed = through_each_other(patches, comm)
             else:
                 nodes, through = begin.body.nodes(contact.face, "contact"), "its foundation"
                 places = [
@@ -149,8 +149,8 @@ class LoadSteps:
                 ]
                 given = end.problem.body.given_gap(end.problem.surface, end.time)
                 gap = over.max(np.append(given[end.problem.surface.part == number], 0.0))
-                found = begin.body.x[nodes][into_foundation(Ways(*places), foundation, gap)]
-            every = [tuple(map(float, place)) for places in comm.allgather(found) for place in places]
+                passed = begin.body.x[nodes][into_foundation(Ways(*places), foundation, gap)]
+            every = [tuple(map(float, place)) for places in comm.allgather(passed) for place in places]
             if every:
                 return (
                     f"{contact.face!r} passes through {through} in the step, from x = ({in_words(min(every))}) m on: "
@@ -182,8 +182,8 @@ class LoadSteps:
             normals[nodes] = motions[1].turned(foundation.normal(now))
         far = np.einsum("ki,ki->k", normals, outward)[nodes] > _SAME_WAY
         inside = inside_of(motions[1].done(then[far & ~pressing[nodes]]), member)
-        found = np.concatenate([end.body.x[nodes[far & pressing[nodes]]], inside])
-        return sorted(tuple(map(float, place)) for places in self.elasticity.comm.allgather(found) for place in places)
+        behind = np.concatenate([end.body.x[nodes[far & pressing[nodes]]], inside])
+        return sorted(tuple(map(float, place)) for places in self.elasticity.comm.allgather(behind) for place in places)
 
     def sliding_off(self, state: State, begin: Iterate) -> str:
         """Which contacts slide off what they press on at a state, in words; "" if none does: they have pressed on an
@@ -219,8 +219,8 @@ class LoadSteps:
         body = self.elasticity
         component, names = body.moving_together
         forces = body.reduction.prevented(component_modes(body.x, component, body.comm)[0])
-        found = free_motions(body.x, component, names, forces, body.comm)
-        return len(body.constraints.opened(found, body.component, body.component_names, np.zeros_like)) > 0
+        motions = free_motions(body.x, component, names, forces, body.comm)
+        return len(body.constraints.opened(motions, body.component, body.component_names, np.zeros_like)) > 0
 
     def _refuse_ties_across_gaps(self) -> None:
         """Nodes of a tie follow across a distance as the ends of rigid arms, with the linear part of their rotations:

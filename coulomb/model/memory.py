@@ -69,15 +69,15 @@ _PROC, _GROUPS = Path("/proc"), Path("/sys/fs/cgroup")
 
 def free_memory(proc: Path = _PROC, groups: Path = _GROUPS) -> float | None:
     """Free memory in bytes by the kernel and the control groups (version 1 or 2); None if it is not reported."""
-    found = [_available(proc / "meminfo")]
+    rooms = [_available(proc / "meminfo")]
     for line in _lines(proc / "self" / "cgroup"):
         _, controllers, path = (line.split(":", 2) + ["", ""])[:3]
         if controllers == "":
-            found += _rooms(groups, path, "memory.max", "memory.current", "inactive_file")
+            rooms += _rooms(groups, path, "memory.max", "memory.current", "inactive_file")
         elif "memory" in controllers.split(","):
             root, limit, usage = groups / "memory", "memory.limit_in_bytes", "memory.usage_in_bytes"
-            found += _rooms(root, path, limit, usage, "total_inactive_file")
-    known = [value for value in found if value is not None]
+            rooms += _rooms(root, path, limit, usage, "total_inactive_file")
+    known = [value for value in rooms if value is not None]
     return min(known) if known else None
 
 

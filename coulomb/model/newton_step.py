@@ -76,7 +76,7 @@ def newton_step(
     if residual < _LAST:
         accuracy = min(accuracy, max(within / residual, _CLOSEST))
     try:
-        at = at_answer(problem.friction_problem, linear_problem.formed_A, local, x)
+        derivatives = at_answer(problem.friction_problem, linear_problem.formed_A, local, x)
     except (ValueError, CGNotConverged):
         return None
     for _ in range(_MOST):
@@ -87,10 +87,10 @@ def newton_step(
             load = load - springs.force
             if springs.along is not None:
                 not_closed = w + left_out.c - surface.rows(way.u) + terms.relative(way.alpha)
-                load += surface.at_nodes((springs.along * at.closed * not_closed).ravel())
+                load += surface.at_nodes((springs.along * derivatives.closed * not_closed).ravel())
         change = Change(-left_out.c.ravel(), left_out.bound, left_out.e, reduction.along(load, None).ravel())
         try:
-            (owed,) = at.derivatives([change])
+            (owed,) = derivatives.derivatives([change])
         except (ValueError, CGNotConverged):
             return None
         step = du + problem.moved(reduction.displacement(owed.u.reshape(-1, 3)), owed.alpha)

@@ -336,13 +336,13 @@ class NodalAnswer:
 
     def _force_on_body(self) -> dict[str, Any]:
         """The entry of the force on the body, as far as it has a meaning (`totals`); collective."""
-        over, x, found = self._over, self.force, dict[str, Any]()
+        over, x, totals = self._over, self.force, dict[str, Any]()
         if len(self.faces) == 1:
-            found["normal"] = over.sum(x[:, 0])
-            found["tangential"] = [-over.sum(x[:, 1 + k] * self.scale[:, k]) for k in range(2)]
+            totals["normal"] = over.sum(x[:, 0])
+            totals["tangential"] = [-over.sum(x[:, 1 + k] * self.scale[:, k]) for k in range(2)]
         if len(self.faces) == 1 or self._on_one_body:
-            found["vector"] = [over.sum(self.on_body[:, k]) for k in range(3)]
-        return {"force_on_body": found} if found else {}
+            totals["vector"] = [over.sum(self.on_body[:, k]) for k in range(3)]
+        return {"force_on_body": totals} if totals else {}
 
     def _opposite(self, part: int) -> dict[str, Any]:
         """Of a pair: the face opposite, and force and moment about the origin on it; collective."""
@@ -427,15 +427,15 @@ def carried(fields: Mapping[str, FloatArray], spread: Spread) -> dict[str, Float
     total = shares.sum(axis=1)
     there = total > 0.0
     _, sticking, slipping = np.round(shares / np.where(there, total, 1.0)[:, None], 9).T  # equal ones always stick
-    found: dict[str, FloatArray] = {}
+    carried_fields: dict[str, FloatArray] = {}
     for name in CARRIED:
         values = fields[name].reshape(len(status), 3 if fields[name].ndim == 2 else 1)  # no -1: a rank may have none
         mean = spread(values) / np.where(there, total, 1.0)[:, None]
         mean = -mean if name in _TURNED else mean
-        found[name] = mean.reshape(-1, *fields[name].shape[1:])
+        carried_fields[name] = mean.reshape(-1, *fields[name].shape[1:])
     touching = np.where(slipping > sticking, SLIP, STICK)
-    found["status"] = np.where(there, np.where(shares[:, 1:].any(axis=1), touching, OPEN), HELD).astype(float)
-    return found
+    carried_fields["status"] = np.where(there, np.where(shares[:, 1:].any(axis=1), touching, OPEN), HELD).astype(float)
+    return carried_fields
 
 
 def carrying(opposite: scipy.sparse.csr_matrix, area: FloatArray) -> scipy.sparse.csr_matrix:

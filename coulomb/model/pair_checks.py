@@ -127,14 +127,14 @@ class JudgedPair:
     def _averages(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """`PairSamples.averages` of values (k, d) of the nodes of all bodies; collective."""
         at_facets = self._at_facets(values)
-        found, unsure = self._samples.averages(*at_facets)
-        found[:, self._few], unsure[:, self._few] = self._closer.averages(*at_facets)
-        return found, unsure
+        averages, unsure = self._samples.averages(*at_facets)
+        averages[:, self._few], unsure[:, self._few] = self._closer.averages(*at_facets)
+        return averages, unsure
 
     def _off(self, fields: FloatArray, averages: FloatArray) -> FloatArray:
         """By how much claimed averages (2, m, 6) of the `probing_fields` are off, shape (m,); collective."""
-        found, unsure = self._averages(fields)
-        off = np.abs(averages - found) - unsure
+        expected, unsure = self._averages(fields)
+        off = np.abs(averages - expected) - unsure
         off[:, :, 1:4] /= np.maximum(self._samples.radius, 1e-300)[:, None]
         return np.maximum(off.max(axis=(0, 2), initial=0.0) - _ROUNDING, 0.0)
 
@@ -166,16 +166,16 @@ class JudgedPair:
         how far they are apart around each, at least 0, metres, shape (2, m); with displacements u (k, 3) of the nodes
         of all bodies; collective."""
         at_facets = self._at_facets(u)
-        found = self._samples.depths(*at_facets)
-        found[:, self._few] = self._closer.depths(*at_facets)
-        deep, near = found - given
+        depths = self._samples.depths(*at_facets)
+        depths[:, self._few] = self._closer.depths(*at_facets)
+        deep, near = depths - given
         return np.maximum(np.stack([deep, -near]) - np.array(self._contact.closed[::-1])[:, None], 0.0)
 
     def _displacement(self, u: FloatArray, frames: FloatArray, rows: FloatArray) -> FloatArray:
         """By how much claimed `rows` (m, 3) of the displacement of a point against the master along `frames` (m, 3, 3)
         are off, metres, shape (m,), by the displacements u (k, 3) of all bodies; collective."""
-        found, unsure = self._averages(u)
-        difference, mirrored = found[0] - found[1], self.pair.points.mirrored
+        averages, unsure = self._averages(u)
+        difference, mirrored = averages[0] - averages[1], self.pair.points.mirrored
         if mirrored is not None:
             difference = difference - np.einsum("mij,mj->mi", mirrored, difference)
         off = np.abs(rows - np.einsum("mij,mj->mi", frames, difference))
@@ -223,8 +223,8 @@ def findings(
         worst[4] = len(left_out), *left_out[0]
     for row, values in zip(worst, (off.gap, moved, off.normal, weights), strict=False):
         if len(values):
-            at = int(np.argmax(np.where(np.isnan(values), np.inf, values)))
-            row[:] = values[at], *x[at]
+            largest = int(np.argmax(np.where(np.isnan(values), np.inf, values)))
+            row[:] = values[largest], *x[largest]
     return PairFindings(face, against, worst, float(np.max(off.allowed, initial=0.0)))
 
 
@@ -256,12 +256,12 @@ def pair_lines(
 
 
 def pair_actions(
-    x: FloatArray, slave: FloatArray, master: FloatArray, at: FloatArray, opposite: FloatArray, force: FloatArray
+    x: FloatArray, slave: FloatArray, master: FloatArray, points: FloatArray, opposite: FloatArray, force: FloatArray
 ) -> FloatArray:
     """Resultants on this rank of nodal forces on slave and master (k, 3) of a pair, and of the couples of its forces
     (m, 3) on the slave `at` and on the master `opposite` across undeformed gaps: shape (3, 7), with three forces, three
     moments about the origin of x, and the sum of magnitudes."""
-    couples = np.cross(at - opposite, force)
+    couples = np.cross(points - opposite, force)
     none = np.zeros_like(couples)
     rows = ((slave, np.cross(x, slave)), (master, np.cross(x, master)), (none, couples))
     return np.array(

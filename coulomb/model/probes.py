@@ -106,11 +106,11 @@ class LocatedProbes:
             raise ValueError(f"probe: the name {twice[0]!r} is given to several probes; give each its own")
         self.probes = tuple(probes)
         self._points: FloatArray = np.array([probe.point for probe in probes], dtype=np.float64).reshape(-1, 3)
-        found = [self._found(number, parts) for number in range(len(probes))]
+        parts_with = [self._found(number, parts) for number in range(len(probes))]
         self._in = []
         for k, part in enumerate(parts):
             own = {number: facets for number, (name, facets) in enumerate(faces) if name == part.name}
-            inside = {number: self.probes[number] for number, one in enumerate(found) if one == k}
+            inside = {number: self.probes[number] for number, one in enumerate(parts_with) if one == k}
             self._in.append(_Located(part, inside, self._points[list(inside)], own))
 
     def _found(self, number: int, parts: Sequence[Member]) -> int:
@@ -157,8 +157,8 @@ class LocatedProbes:
         order = np.argsort(answer.force[:, 0], kind="stable")  # of a node in several contacts that which presses most
         slip[nodes[order]] = (answer.slip if slips is None else slips)[order]
         pressure[nodes[order], 0] = (answer.force[:, 0] / answer.area)[order]
-        found = {number: value for part in self._in for number, value in part.values(u, slip, pressure, answer)}
-        return tuple(found[number] for number in range(len(self.probes)))
+        value_of = {number: value for part in self._in for number, value in part.values(u, slip, pressure, answer)}
+        return tuple(value_of[number] for number in range(len(self.probes)))
 
 
 class _Located:
@@ -168,7 +168,7 @@ class _Located:
         self._part, self._probes, self._points, self._faces = part, probes, points, list(faces)
         self._located: LocatedPoints | None = None
         if probes:
-            self._located = locate(points, [one.what for one in probes.values()], part.body, list(faces.values()))
+            self._located = locate(points, [probe.what for probe in probes.values()], part.body, list(faces.values()))
 
     def values(
         self, u: FloatArray, slip: FloatArray, pressure: FloatArray, answer: NodalAnswer

@@ -139,8 +139,8 @@ def _bodies_of(given: Mapping[str, Any], known: Deformable | None = None, change
     if links and given["kinematics"] == "large":
         raise ValueError(f"{links[0].what}: its stiffness is for small motions")
     if followers or links:
-        links = [replace(one, stiffness=float(one.stiffness or 0.0) / body.copies) for one in links]
-        body = JoinedBodies({one.name: one.body for one in body.members}, followers, given["time"], links)
+        links = [replace(link, stiffness=float(link.stiffness or 0.0) / body.copies) for link in links]
+        body = JoinedBodies({member.name: member.body for member in body.members}, followers, given["time"], links)
     if known is not None and _NOT_OF_STIFFNESS.issuperset(changed):
         body.keep_stiffness(known)
     if given["kinematics"] != "large":
@@ -341,7 +341,7 @@ class ContactProblem(DiscreteProblem):
             for as_given, one in pairs
         ]
         if given["kinematics"] == "small" and not isinstance(mesh, Deformable):
-            contacts = [one if one.against is None else _on_curved_faces(one, mesh) for one in contacts]
+            contacts = [contact if contact.against is None else _on_curved_faces(contact, mesh) for contact in contacts]
         given["ties"] = with_slaves(given["ties"], self.elasticity.constraints.as_made)
         return type(self)(**{**given, "mesh": mesh, "contact": contacts, "time": self.time})
 
@@ -375,8 +375,8 @@ class ContactProblem(DiscreteProblem):
         if before.before is not None:
             ahead = (self.time - before.time) / (before.time - before.before.time)
             forces.append(before.force_on_body + ahead * (before.force_on_body - before.before.force_on_body))
-        at = self.body.places(self.surface)
-        return np.array([-self.surface.force_components(one[at]).ravel() for one in forces])
+        places = self.body.places(self.surface)
+        return np.array([-self.surface.force_components(force[places]).ravel() for force in forces])
 
     def after(self, before: State, solution: Solution) -> State:
         """The state after a load step; collective."""
@@ -447,7 +447,7 @@ class ContactProblem(DiscreteProblem):
         size = notebook.verdict(True, f"contact problem: {unknowns} unknowns")
         if self.comm.size > 1:
             return size
-        rows = [(one.name or "the body", one.body.numbering.total, one.body.degree) for one in bodies]
+        rows = [(body.name or "the body", body.body.numbering.total, body.body.degree) for body in bodies]
         loads = [(one.what, _vector(one.force), _vector(one.moment)) for one in loads_of(self, [self.time])]
         supports = [(one["kind"], one["face"], one["holds"]) for one in self.elasticity.support_entries()]
         contacts = [(one["face"], one["foundation"], one["nodes"], one["law"]) for one in contacts_of(self)]

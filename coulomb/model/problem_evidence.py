@@ -195,10 +195,10 @@ def _actions(
     if opposite is None:
         return None
     on_slave, on_both = contact_matrix(replace(points, opposite=None), frames), contact_matrix(points, frames)
-    at, vectors = points.average(x), -np.einsum("kij,ki->kj", frames, force)
+    points_of, vectors = points.average(x), -np.einsum("kij,ki->kj", frames, force)
     if points.mirrored is not None:
         vectors -= np.einsum("kij,kj->ki", points.mirrored, vectors)
-    part, found = np.repeat(np.arange(len(counts)), counts), []
+    part, actions = np.repeat(np.arange(len(counts)), counts), []
     comm = points.space.comm
     centre = comm.allreduce(x.sum(axis=0)) / comm.allreduce(len(x))
     paired = np.asarray(np.diff(points.opposite.indptr) > 0) if points.opposite is not None else part < 0
@@ -209,10 +209,10 @@ def _actions(
         own = np.where(here[:, None], force, 0.0)
         slave = -at_nodes_of(on_slave, own)
         master = -at_nodes_of(on_both, own) - slave
-        found.append(pair_actions(x - centre, slave, master, at[here], opposite[here], vectors[here]))
+        actions.append(pair_actions(x - centre, slave, master, points_of[here], opposite[here], vectors[here]))
     for matrix in (on_slave, on_both):
         matrix.destroy()
-    return np.reshape(found, (-1, 3, 7))
+    return np.reshape(actions, (-1, 3, 7))
 
 
 _Face = tuple[ContactPoints, FloatArray, FloatArray, FrictionLaw, FloatArray, OtherNodes | None]
@@ -223,7 +223,7 @@ def _findings(
 ) -> tuple[PairFindings, ...]:
     """What is off in the pairs among the faces, whose points have displacements `rows` (m, 3) along their frames by
     those of the nodes u (k, 3); collective."""
-    found, comm = [], body.comm
+    findings, comm = [], body.comm
     ends = np.cumsum([0, *(len(face[0].nodes) for face in faces)])
     for number, (_, frames, gap, *_) in enumerate(faces):
         contact = body.contacts[number]
@@ -234,8 +234,8 @@ def _findings(
         given = contact.gap_factor(time, comm) * contact.gap_at(place, comm)
         own = rows[ends[number] : ends[number + 1]]
         far = gap - own[:, 0] > np.sqrt(known.pair.points.area)
-        found.append(known.findings(frames, gap - given, own, u, far))
-    return tuple(found)
+        findings.append(known.findings(frames, gap - given, own, u, far))
+    return tuple(findings)
 
 
 def _face(

@@ -22,9 +22,9 @@ def now() -> datetime:
     return datetime.now().astimezone()
 
 
-def moment(at: datetime) -> str:
+def moment(time: datetime) -> str:
     """ISO 8601 with the zone, to the millisecond: 2026-01-31T12:00:00.000+01:00."""
-    return at.isoformat(timespec="milliseconds")
+    return time.isoformat(timespec="milliseconds")
 
 
 def command() -> str:

@@ -153,7 +153,7 @@ class ForceBalance:
 
 def resultants(parts: Iterable[NodalForces], x: FloatArray, over: Reductions) -> tuple[Resultant, ...]:
     """The resultant of each of several nodal forces at nodes x (k, 3), in their order; collective."""
-    found: list[Resultant] = []
+    totals: list[Resultant] = []
     seen: Counter[str] = Counter()
     for part in parts:
         name = part.kind if part.face is None else f"{part.kind}_{part.face}"
@@ -161,8 +161,8 @@ def resultants(parts: Iterable[NodalForces], x: FloatArray, over: Reductions) ->
         name = name if seen[name] == 1 else f"{name}_{seen[name]}"
         total = over.total(np.concatenate([part.forces.sum(axis=0), np.cross(x, part.forces).sum(axis=0)]))
         nodal = over.sum(np.linalg.norm(part.forces, axis=1))
-        found.append(Resultant(part.kind, part.face, name, total[:3], total[3:], nodal))
-    return tuple(found)
+        totals.append(Resultant(part.kind, part.face, name, total[:3], total[3:], nodal))
+    return tuple(totals)
 
 
 def resultant_of_ground(

@@ -81,7 +81,7 @@ def refuse(problem: DiscreteProblem) -> None:
     """ValueError for a problem of which derivatives are not known; the same on every rank."""
     if problem.body.heat is not None and (problem.body.undeformed is not None or problem.state.loaded):
         raise ValueError("sensitivities with heat are not known in large motions and of foundations under load")
-    rated = any(isinstance(one.friction, SlipRateFriction | VariableFriction) for one in problem.contacts)
+    rated = any(isinstance(contact.friction, SlipRateFriction | VariableFriction) for contact in problem.contacts)
     if problem.before is not None and rated:
         raise ValueError("the sensitivities of a history are not known where friction depends on the slip rate")
 
@@ -118,17 +118,17 @@ def sensitivities(
         if not earlier and Reductions(problem.comm).any(bool(np.any(before.displacement))):
             raise ValueError("the sensitivities of a load step follow from those of the step before: give these")
     inputs = inputs_of(problem, x, u, answer.given_gap)
-    at = _Answer(problem, x, u, answer)
-    inputs |= {name: Input(heat=one) for name, one in (at.heat.inputs() if at.heat else {}).items()}
-    inputs |= {name: Input(changed=at.changed(pose)) for name, pose in (others or {}).items()}
+    here = _Answer(problem, x, u, answer)
+    inputs |= {name: Input(heat=one) for name, one in (here.heat.inputs() if here.heat else {}).items()}
+    inputs |= {name: Input(changed=here.changed(pose)) for name, pose in (others or {}).items()}
     inputs |= {one.name: Input() for one in earlier if one.name not in inputs}
-    rising = at.along(inputs, {one.name: one for one in earlier}, 1.0)
+    rising = here.along(inputs, {one.name: one for one in earlier}, 1.0)
     if rising:
-        warn_of_several(at.at.condition, problem.comm)
+        warn_of_several(here.at.condition, problem.comm)
     parted = any(one.falling is not None and one.falling.displacement is not one.displacement for one in earlier)
     if not rising or not (rising[0].border or parted):
         return rising
-    falling = at.along(inputs, {one.name: one.falling or one for one in earlier}, -1.0)
+    falling = here.along(inputs, {one.name: one.falling or one for one in earlier}, -1.0)
     return [replace(up, falling=replace(down, falling=None)) for up, down in zip(rising, falling, strict=True)]
 
 
@@ -201,10 +201,10 @@ class _Answer:
         flows = [Flows()] * len(posed)
         if self.heat is not None:
             posed, solved, flows = self._with_heat(self.heat, posed, solved, list(inputs.values()), sign)
-        found = []
-        for (name, one), of, at, heat in zip(inputs.items(), posed, solved, flows, strict=True):
-            step = min(at.owed.step, earlier[name].step if name in earlier else np.inf)
-            derived = self._derived(one, of, at, sign)
+        derivatives = []
+        for (name, one), of, solution, heat in zip(inputs.items(), posed, solved, flows, strict=True):
+            step = min(solution.owed.step, earlier[name].step if name in earlier else np.inf)
+            derived = self._derived(one, of, solution, sign)
             totals = contact_totals(self._answer, derived, sign)
             left = self._left if self._large or one.changed is not None else None
             others = other_totals(self._answer, derived, totals[0], left, self._u, self._sections, sign)
@@ -219,14 +219,14 @@ class _Answer:
                     of_others | flowing,
                     step,
                     self.at.condition,
-                    at.owed.border,
+                    solution.owed.border,
                     poses=derived.poses,
                 )
                 for of_contacts, of_others in zip(totals, others, strict=True)
             )
             kinked = (here.totals, here.others) != (there.totals, there.others)
-            found.append(replace(here, falling=there) if kinked else here)
-        return found
+            derivatives.append(replace(here, falling=there) if kinked else here)
+        return derivatives
 
     def _derived(self, one: Input, of: _Right, at: _Solved, sign: float) -> Derived:
         pulled, moved = (
@@ -247,7 +247,7 @@ class _Answer:
         more, less = (near(self._posed_at, pose(1.0 + h)) for h in (0.5 * _CHANGE, -0.5 * _CHANGE))
         terms = self._terms.between(more, less, _CHANGE)
         energies = [
-            np.array([one.body.strain_energy(self._u[one.nodes]) or 0.0 for one in of.elasticity.members])
+            np.array([member.body.strain_energy(self._u[member.nodes]) or 0.0 for member in of.elasticity.members])
             for of in (more, less)
         ]
         change, way = (energies[0] - energies[1]) / _CHANGE, (more.elasticity.x - less.elasticity.x) / _CHANGE
@@ -318,10 +318,10 @@ class _Answer:
                 f = sign * self._problem.elasticity.reduction.along(one.loading.load, one.loading.tension).ravel()
             changes.append(Change(sign * closing.ravel(), sign * one.bound, sign * (e[0] - e[1] + one.e), f))
         owed, solved = self.at.derivatives(changes), list[_Solved]()
-        for changed, found, carried in zip(posed, owed, moved, strict=True):
-            u = sign * self._problem.elasticity.reduction.displacement(found.u.reshape(-1, 3))
+        for changed, derivative, carried in zip(posed, owed, moved, strict=True):
+            u = sign * self._problem.elasticity.reduction.displacement(derivative.u.reshape(-1, 3))
             u = u + changed.linear.free_displacement if carried else u
-            solved.append(_Solved(changed, found, changed.moved(u, sign * found.alpha)))
+            solved.append(_Solved(changed, derivative, changed.moved(u, sign * derivative.alpha)))
         return solved
 
     def _carried(self, loading: Loading) -> bool:
@@ -333,9 +333,9 @@ class _Answer:
     ) -> tuple[list[_Right], list[_Solved]]:
         """With geometric terms, by a fixed-point iteration with Anderson acceleration, from answers without; `ways` are
         those of the inputs by themselves; collective."""
-        over, found, posed = self._over, list(solved), list(rights)
+        over, answers, posed = self._over, list(solved), list(rights)
         mixing, left = [Anderson(MOST, over) for _ in rights], np.full(len(rights), np.inf)
-        points, least = [self._joined(one, sign) for one in found], _SLIGHT * over.norm(self._u)
+        points, least = [self._joined(answer, sign) for answer in answers], _SLIGHT * over.norm(self._u)
         for _ in range(MOST):
             moving = [k for k, size in enumerate(left) if size > _SETTLED]
             if not moving:
@@ -344,7 +344,7 @@ class _Answer:
                 u, alpha = self._parted(points[k])
                 posed[k] = self._and(rights[k], self._terms.along(replace(ways[k], u=u, alpha=alpha)))
             for k, one in zip(moving, self._solved([posed[k] for k in moving], sign), strict=True):
-                found[k], point = one, self._joined(one, sign)
+                answers[k], point = one, self._joined(one, sign)
                 size = max(over.norm(point), least)
                 left[k] = over.norm(point - points[k]) / size if size > 0.0 else 0.0
                 points[k] = mixing[k].next(points[k], point - points[k], 1.0)
@@ -353,7 +353,7 @@ class _Answer:
                 f"the geometric terms of sensitivities do not settle, by a part of {np.max(left):.0e}: the answer is "
                 "nearly one of several, or was found with too large a tolerance"
             )
-        return posed, found
+        return posed, answers
 
     def _with_heat(
         self,
@@ -364,7 +364,7 @@ class _Answer:
         sign: float,
     ) -> tuple[list[_Right], list[_Solved], list[Flows]]:
         """With the temperatures that contact and heat cause in turn, as of `_with_terms`; collective."""
-        over, found, posed = self._over, list(solved), list(rights)
+        over, answers, posed = self._over, list(solved), list(rights)
         mixing, left = [Anderson(MOST, over) for _ in rights], np.full(len(rights), np.inf)
         points: list[FloatArray] = [np.zeros(len(self._u)) for _ in rights]
         flows, rows = [Flows() for _ in rights], self._problem.surface.rows
@@ -373,17 +373,17 @@ class _Answer:
             if not moving:
                 break
             for k in moving:
-                dx = sign * found[k].owed.x.reshape(-1, 3)
-                there, flows[k] = heat.along(dx, rows(found[k].u) - posed[k].c, given[k].heat)
+                dx = sign * answers[k].owed.x.reshape(-1, 3)
+                there, flows[k] = heat.along(dx, rows(answers[k].u) - posed[k].c, given[k].heat)
                 size = over.norm(there)
                 left[k] = over.norm(there - points[k]) / size if size > 0.0 else 0.0
                 points[k] = mixing[k].next(points[k], there - points[k], 1.0)
                 posed[k] = replace(rights[k], loading=heat.load(rights[k].loading, points[k]))
             for k, one in zip(moving, self._solved([posed[k] for k in moving], sign), strict=True):
-                found[k] = one
+                answers[k] = one
         if not np.all(left <= NEARLY):
             raise ValueError(f"the temperatures of sensitivities do not settle, by a part of {np.max(left):.0e}")
-        return posed, found, flows
+        return posed, answers, flows
 
     def _joined(self, one: _Solved, sign: float) -> FloatArray:
         """Derivatives of displacement and of free motions, these on one rank, shape (3 k + q,)."""

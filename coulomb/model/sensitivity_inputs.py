@@ -45,7 +45,7 @@ def _prescribed(problem: DiscreteProblem, still: Loading) -> Loading:
     body, before = problem.elasticity, problem.before
     if problem.body.undeformed is not None:
         start = None if before is None else before.time
-        each = [nonlinear(one.body).prescribed_rate(start) for one in body.members]
+        each = [nonlinear(member.body).prescribed_rate(start) for member in body.members]
         apart = body.constraints.apart_rate(problem.time)
         return replace(still, prescribed=body.reduction.led(np.concatenate(each), apart), apart=apart)
     rest = None if before is None else End(before.time, np.zeros_like(body.x))
@@ -56,11 +56,11 @@ def _prescribed(problem: DiscreteProblem, still: Loading) -> Loading:
 def inputs_of(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatArray) -> dict[str, Input]:
     """Every input with the change of the problem along its logarithm; a name that occurs again has a number."""
     surface, loading, body, over = problem.surface, problem.loading, problem.elasticity, Reductions(problem.comm)
-    found: dict[str, Input] = {}
+    inputs: dict[str, Input] = {}
 
     def put(name: str, one: Input) -> None:
-        there = sum(known == name or known.startswith(f"{name} (") for known in found)
-        found[f"{name} ({there + 1})" if there else name] = one
+        there = sum(known == name or known.startswith(f"{name} (") for known in inputs)
+        inputs[f"{name} ({there + 1})" if there else name] = one
 
     parts, bounds = [surface.part == part for part in range(len(surface.faces))], problem.law.parts(x[0::3])
     for face, here, contact in zip(surface.faces, parts, problem.contacts, strict=True):
@@ -116,4 +116,4 @@ def inputs_of(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: Float
             )
         energy = member.body.strain_energy(u[member.nodes]) or 0.0
         put(f"young{of}", Input(loading=replace(still, load=forces), energy=(number, energy)))
-    return found
+    return inputs

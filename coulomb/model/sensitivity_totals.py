@@ -75,41 +75,41 @@ _TIED: Final = 1e-6
 
 
 def contact_totals(
-    at: NodalAnswer, derived: Derived, sign: float
+    answer: NodalAnswer, derived: Derived, sign: float
 ) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, Any]]]:
     """Of every contact by its name, as of `Sensitivity.totals`, as an input grows (1) or falls (-1); and on the other
     side, if forces and displacements are those of both: the size of a vector that is 0, and the largest of values that
     are the same, have two derivatives; collective."""
-    surface, found, dx = derived.problem.surface, dict[str, dict[str, Any]](), derived.x.reshape(-1, 3)
+    surface, totals, dx = derived.problem.surface, dict[str, dict[str, Any]](), derived.x.reshape(-1, 3)
     other = dict[str, dict[str, Any]]()
-    over, along_surface = Reductions(at.comm, at.copies), np.array([0.0, 1.0, 1.0])
+    over, along_surface = Reductions(answer.comm, answer.copies), np.array([0.0, 1.0, 1.0])
     on_body, of_friction = -surface.vectors(dx), -surface.vectors(dx * along_surface)
     places, terms = np.zeros_like(on_body), derived.terms
     if terms is not None:
         on_body, of_friction, places = on_body - terms.vectors, of_friction - terms.tangential, terms.x
-    present = -surface.vectors(at.force * along_surface)
-    slip, slipping = at.relative_displacement, surface.rows(derived.u) - derived.c
-    work = np.sum((dx * slip + at.force * slipping)[:, 1:], axis=1)
-    turning = np.cross(at.x, on_body) + np.cross(places, at.on_body)
-    closed, stretch = at.status != OPEN, np.zeros(len(places)) if terms is None else terms.area
-    levers = dx[:, :1] * at.x + at.force[:, :1] * places
-    sliding = replace(at, displacement=surface.rows(derived.u), slip_origin=derived.c).slip
+    present = -surface.vectors(answer.force * along_surface)
+    slip, slipping = answer.relative_displacement, surface.rows(derived.u) - derived.c
+    work = np.sum((dx * slip + answer.force * slipping)[:, 1:], axis=1)
+    turning = np.cross(answer.x, on_body) + np.cross(places, answer.on_body)
+    closed, stretch = answer.status != OPEN, np.zeros(len(places)) if terms is None else terms.area
+    levers = dx[:, :1] * answer.x + answer.force[:, :1] * places
+    sliding = replace(answer, displacement=surface.rows(derived.u), slip_origin=derived.c).slip
     sliding = sliding if terms is None else sliding + terms.slip
-    largest = [over.max(np.abs(of).ravel()) for of in (at.displacement, sliding)]
-    slips = _size_rates(at.slip, sliding, largest, sign)
-    pressures = np.repeat(((dx[:, 0] - at.pressure * stretch) / at.area)[:, None], 2, axis=1)
-    for part, face in enumerate(at.faces):
+    largest = [over.max(np.abs(of).ravel()) for of in (answer.displacement, sliding)]
+    slips = _size_rates(answer.slip, sliding, largest, sign)
+    pressures = np.repeat(((dx[:, 0] - answer.pressure * stretch) / answer.area)[:, None], 2, axis=1)
+    for part, face in enumerate(answer.faces):
         here = surface.part == part
         friction, change = (over.total(of[here].sum(axis=0)) for of in (present, of_friction))
         pressing, touching = over.sum(dx[here, 0]), here & closed
         sizes = [over.sum(np.linalg.norm(of[here], axis=1)) for of in (present, of_friction)]
         sided: dict[str, Sequence[float]] = {
             "friction_force": list(map(float, _size_rates(friction, change, sizes, sign))),
-            "greatest_slip": _largest_rates(np.linalg.norm(at.slip, axis=1)[touching], slips[touching], sign, over),
-            "greatest_pressure": _largest_rates(at.pressure[here], pressures[here], sign, over),
+            "greatest_slip": _largest_rates(np.linalg.norm(answer.slip, axis=1)[touching], slips[touching], sign, over),
+            "greatest_pressure": _largest_rates(answer.pressure[here], pressures[here], sign, over),
         }
-        normal, area, more = (over.sum(of[here]) for of in (at.force[:, 0], at.area * closed, stretch * closed))
-        found[face] = {
+        normal, area, more = (over.sum(of[here]) for of in (answer.force[:, 0], answer.area * closed, stretch * closed))
+        totals[face] = {
             "force": over.total(on_body[here].sum(axis=0)).tolist(),
             "moment": over.total(turning[here].sum(axis=0)).tolist(),
             "normal_force": pressing,
@@ -117,13 +117,13 @@ def contact_totals(
             "dissipated_energy": over.sum(work[here]),
         }
         if normal > 0.0 and area > 0.0:
-            centre = over.total(at.force[here, 0] @ at.x[here]) / normal
+            centre = over.total(answer.force[here, 0] @ answer.x[here]) / normal
             moved = over.total(levers[here].sum(axis=0)) - pressing * centre
-            found[face]["centre_of_pressure"] = (moved / normal).tolist()
-            found[face]["mean_pressure"] = (pressing - more * normal / area) / area
-        other[face] = found[face] | {name: float(sides[1]) for name, sides in sided.items()}
-        found[face] |= {name: float(sides[0]) for name, sides in sided.items()}
-    return found, other
+            totals[face]["centre_of_pressure"] = (moved / normal).tolist()
+            totals[face]["mean_pressure"] = (pressing - more * normal / area) / area
+        other[face] = totals[face] | {name: float(sides[1]) for name, sides in sided.items()}
+        totals[face] |= {name: float(sides[0]) for name, sides in sided.items()}
+    return totals, other
 
 
 def _size_rates(v: FloatArray, change: FloatArray, scales: Sequence[float], sign: float) -> FloatArray:
@@ -160,7 +160,7 @@ def sections_of(problem: DiscreteProblem, left: FloatArray, u: FloatArray) -> li
 
 
 def other_totals(
-    at: NodalAnswer,
+    answer: NodalAnswer,
     derived: Derived,
     totals: Mapping[str, Mapping[str, Any]],
     left: FloatArray | None,
@@ -204,7 +204,7 @@ def other_totals(
     cuts = list[_Cut]()
     entries: dict[str, dict[str, dict[str, Any]]] = {
         "reactions": {one.name: _moments(one) for one in of},
-        "probes": {} if derived.changed else _probes(at, derived),
+        "probes": {} if derived.changed else _probes(answer, derived),
         "bodies": _strained(derived, u, over),
     }
     if constraints.ties and left is not None:
@@ -228,7 +228,7 @@ def other_totals(
             _Cut(of.shortening, one["force"], one["moment"], np.zeros(3), np.zeros(3))
             for of, one in zip(tied.bolts, given, strict=True)
         ]
-    entries["loaded_foundations"] = _foundations(at, derived, totals)
+    entries["loaded_foundations"] = _foundations(answer, derived, totals)
     bolts = [(bolt.face, _carried(bolt, now, cut, sign)) for (bolt, now), cut in zip(sections, cuts, strict=True)]
     ends = [entries | {"bolts": {face: sides[k] for face, sides in bolts}} for k in (0, 1)]
     here, there = (
@@ -281,7 +281,7 @@ def _turned(
     """Of ties and rigid faces, and of the sections of bolts, which turn; collective."""
     body, du, time, terms = derived.problem.elasticity, derived.u, derived.problem.time, derived.terms
     assert terms is not None
-    constraints, x, found = body.constraints, body.x, dict[str, dict[str, dict[str, Any]]]()
+    constraints, x, totals = body.constraints, body.x, dict[str, dict[str, dict[str, Any]]]()
     forces = [list(constraints.shares(of, time)) for of in (left, imbalance, np.zeros_like(du))]
     changes = []
     for tie, more, still in zip(constraints.every, *forces[1:], strict=True):
@@ -290,16 +290,16 @@ def _turned(
         changes.append(replace(more, forces=share))
     present, arms, change = (resultants(of, at, over) for of, at in ((forces[0], x), (forces[0], du), (changes, x)))
     each = list(zip(present, change, arms, strict=True))
-    found["rigid_faces"] = {}
+    totals["rigid_faces"] = {}
     for motion, (now, more, arm) in zip(constraints.motions, each, strict=False):
         point, way = motion.point, over.total(np.einsum("mcp,mc->p", motion.spread, du[motion.nodes]))
         moment = more.moment + arm.moment - np.cross(way[:3], now.force) - np.cross(point, more.force)
         entry = {"translation": way[:3], "rotation": way[3:], "force": more.force, "moment": moment}
-        found["rigid_faces"][motion.given.face] = entry
+        totals["rigid_faces"][motion.given.face] = entry
     size, extent = over.max(np.abs(du).ravel()), float(np.max(over.extent(x)))
     h = _DIFFERENCE * extent / (size or 1.0)
     tied = each[len(constraints.motions) :]
-    found["ties"] = {now.name: {"force": more.force, "moment": more.moment + arm.moment} for now, more, arm in tied}
+    totals["ties"] = {now.name: {"force": more.force, "moment": more.moment + arm.moment} for now, more, arm in tied}
     sections = [one for one in tied if one[0].kind == Pretension.kind]
     ends = (constraints.bolts_at(u + step * du) for step in (-h, h))
     cuts = [
@@ -312,7 +312,7 @@ def _turned(
         )
         for before, after, (_, more, arm) in zip(*ends, sections, strict=True)
     ]
-    return found, cuts
+    return totals, cuts
 
 
 def _moments(one: Resultant) -> dict[str, Any]:
@@ -321,38 +321,38 @@ def _moments(one: Resultant) -> dict[str, Any]:
 
 def _strained(derived: Derived, u: FloatArray, over: Reductions) -> dict[str, dict[str, Any]]:
     """Strain energy; collective."""
-    found = {}
+    energies = {}
     by_number = dict(enumerate(derived.changed.energies) if derived.changed else [derived.energy or (-1, 0.0)])
     for number, one in enumerate(derived.problem.elasticity.members):
         if one.body.strain_energy(u[one.nodes]) is not None:
             change = over.dot(one.body.strain_force(u[one.nodes]), derived.u[one.nodes])
-            found[one.name] = {"strain_energy": change + over.copies * by_number.get(number, 0.0)}
-    return found
+            energies[one.name] = {"strain_energy": change + over.copies * by_number.get(number, 0.0)}
+    return energies
 
 
-def _probes(at: NodalAnswer, derived: Derived) -> dict[str, dict[str, Any]]:
+def _probes(answer: NodalAnswer, derived: Derived) -> dict[str, dict[str, Any]]:
     """Displacement, slip and pressure; collective."""
     surface, terms, body = derived.problem.surface, derived.terms, derived.problem.body
     force = derived.x.reshape(-1, 3)
-    here = replace(at, force=force, displacement=surface.rows(derived.u), slip_origin=derived.c)
+    here = replace(answer, force=force, displacement=surface.rows(derived.u), slip_origin=derived.c)
     slip = here.slip
     if terms is not None:  # the area of a pressure changes, and the direction of a slip
-        here, slip = replace(here, force=force - at.force * (terms.area / at.area)[:, None]), slip + terms.slip
+        here, slip = replace(here, force=force - answer.force * (terms.area / answer.area)[:, None]), slip + terms.slip
     probes = (body.undeformed or body).probes.values(derived.u, here, surface.nodes, slip)
     return {one.name: {"displacement": one.displacement, "slip": one.slip, "pressure": one.pressure} for one in probes}
 
 
-def _foundations(at: NodalAnswer, derived: Derived, totals: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+def _foundations(answer: NodalAnswer, derived: Derived, totals: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """Motions of foundations under load, and what contact does on them, about their points; collective."""
-    found = dict[str, Any]()
+    by_name = dict[str, Any]()
     for one in derived.problem.state.loaded:
         assert derived.poses is not None
-        way, contact = derived.poses[one.number], totals[at.faces[one.number]]
+        way, contact = derived.poses[one.number], totals[answer.faces[one.number]]
         force, moment = (-np.array(contact[name]) for name in ("force", "moment"))
-        present = -np.array(at.totals(one.number)["force"])
+        present = -np.array(answer.totals(one.number)["force"])
         moment = moment - np.cross(way[:3], present) - np.cross(one.point, force)
-        found[one.name] = {"translation": way[:3], "rotation": way[3:], "force": force, "moment": moment}
-    return found
+        by_name[one.name] = {"translation": way[:3], "rotation": way[3:], "force": force, "moment": moment}
+    return by_name
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:

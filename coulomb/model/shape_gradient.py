@@ -73,8 +73,8 @@ def contact_along_places(answer: DiscreteProblem, values: Callable[[ContactState
     def at(shift: FloatArray) -> FloatArray:
         """The values of all ranks, with nodes shifted (nodes of all ranks, 3)."""
         with body.shifted(shift[first : first + len(body.x)]) as there:
-            found = values(answer.body.shifted(answer.state, there, answer.before))
-        return concatenated(answer.comm, found)
+            columns = values(answer.body.shifted(answer.state, there, answer.before))
+        return concatenated(answer.comm, columns)
 
     def change(ways: FloatArray) -> FloatArray:
         """Derivatives of the values along ways, the means of those on both sides."""
@@ -105,9 +105,9 @@ def contact_along_places(answer: DiscreteProblem, values: Callable[[ContactState
         slight = _KINK * size  # at a kink the differences are accurate to the first order of the shift
     for _ in range(_RINGS):
         site, colours = np.arange(rows.shape[0]), colours_of(rows)
-        found = by_colours(rows, site, colours, change, lambda of: bool(np.any(np.abs(of) > _OTHER * size)))
-        if found is not None and abs(float(np.sum(whole - found @ ways.ravel()))) <= slight:
-            return np.asarray(found.sum(axis=0)).reshape(-1, 3)[first : first + len(body.x)]
+        columns = by_colours(rows, site, colours, change, lambda of: bool(np.any(np.abs(of) > _OTHER * size)))
+        if columns is not None and abs(float(np.sum(whole - columns @ ways.ravel()))) <= slight:
+            return np.asarray(columns.sum(axis=0)).reshape(-1, 3)[first : first + len(body.x)]
         rows = pattern(rows @ beside)
     raise ValueError("along places: what contact points owe to them is not of nodes near")
 
@@ -152,21 +152,21 @@ def nodes_of_points(answer: DiscreteProblem) -> scipy.sparse.csr_matrix:
 
 
 def _contact_faces(answer: DiscreteProblem) -> list[_Face]:
-    names = dict.fromkeys(face for one in answer.contacts for face in (one.face, one.against) if face)
+    names = dict.fromkeys(face for contact in answer.contacts for face in (contact.face, contact.against) if face)
     return [answer.elasticity.face(name, "contact") for name in names]
 
 
 def nodes_beside(answer: DiscreteProblem, faces: Sequence[_Face]) -> scipy.sparse.csr_matrix:
     """The nodes that are on a facet of some faces with each, over all ranks (nodes, nodes); collective."""
     body, total = answer.elasticity, answer.elasticity.numbering.total
-    found = scipy.sparse.csr_matrix((total, total))
+    links = scipy.sparse.csr_matrix((total, total))
     for member, facets in faces:
         nodes = facet_patch(member.body, facets).nodes
         numbers = concatenated(answer.comm, body.numbers_of(member, nodes.ravel()).reshape(nodes.shape))
         pairs = np.repeat(np.arange(len(numbers)), numbers.shape[1]), numbers.ravel()
         on = scipy.sparse.csr_matrix((np.ones(numbers.size), pairs), (len(numbers), total))
-        found = found + on.T @ on
-    return pattern(found)
+        links = links + on.T @ on
+    return pattern(links)
 
 
 def pattern(matrix: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:

@@ -310,12 +310,12 @@ def small_strain(
     def measure() -> tuple[FloatArray, FloatArray]:
         distance, turn = np.zeros(len(before)), np.zeros(len(before))
         for number, foundation in enumerate(foundations):
-            at = part == number
-            if foundation is not None and np.any(at):
-                cosine = np.einsum("ki,ki->k", foundation.normal(before[at]), foundation.normal(moved[at]))
-                turn[at] = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-                beyond = _beyond(at_nodes, pressing, at, foundation)
-                distance[at] = np.abs(foundation.signed_distance(moved[at]) + beyond)
+            here = part == number
+            if foundation is not None and np.any(here):
+                cosine = np.einsum("ki,ki->k", foundation.normal(before[here]), foundation.normal(moved[here]))
+                turn[here] = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+                beyond = _beyond(at_nodes, pressing, here, foundation)
+                distance[here] = np.abs(foundation.signed_distance(moved[here]) + beyond)
         return np.where(distance < rounding, 0.0, distance), np.where(turn < 1e-5, 0.0, turn)
 
     try:
@@ -366,7 +366,7 @@ def _relative(depth: FloatArray, scale: FloatArray) -> FloatArray:
     return np.minimum(depth / np.where(least == 0.0, 1.0, least), _MISSED)
 
 
-def _beyond(answer: NodalAnswer, pressing: BoolArray, at: BoolArray, foundation: RigidFoundation) -> FloatArray:
+def _beyond(answer: NodalAnswer, pressing: BoolArray, here: BoolArray, foundation: RigidFoundation) -> FloatArray:
     """What the initial gap of contact points is beyond their distance from the foundation: it is a mean over several
     nodes, or an additional gap is given.
 
@@ -375,5 +375,5 @@ def _beyond(answer: NodalAnswer, pressing: BoolArray, at: BoolArray, foundation:
         pressing: Which of them press.
         at: Which of these are on the face of the foundation.
     """
-    x, n, gap = (values[pressing][at] for values in (answer.x, answer.frames[:, 0], answer.gap))
+    x, n, gap = (values[pressing][here] for values in (answer.x, answer.frames[:, 0], answer.gap))
     return gap - distance_along(n, x, foundation.signed_distance(x), foundation)

@@ -164,13 +164,13 @@ class Solution:
         """The fields of solution.xdmf of loads and supports, and of bodies of the user's forms their internal forces,
         shapes (k, 3); collective."""
         body, e = self.problem.elasticity, self.evidence
-        found = {"load": e.load, "prescribed": self.problem.prescribed, "spring_force": e.spring + self._linked}
-        found["reaction"] = self._reaction
+        forces = {"load": e.load, "prescribed": self.problem.prescribed, "spring_force": e.spring + self._linked}
+        forces["reaction"] = self._reaction
         if body.forms() is not None or self.problem.body.undeformed:
-            found |= {"internal_force": e.internal, "rounding_force": rounding_forces(body, self.displacement)}
+            forces |= {"internal_force": e.internal, "rounding_force": rounding_forces(body, self.displacement)}
         if self.stability is not None and self.stability.unstable:
-            found["instability_mode"] = self.stability.mode
-        return found | self.tie_fields
+            forces["instability_mode"] = self.stability.mode
+        return forces | self.tie_fields
 
     @cached_property
     def _linked(self) -> FloatArray:
@@ -202,8 +202,8 @@ class Solution:
     def force_balance(self) -> ForceBalance:
         """Resultants of all loads and supports, and the balance of all forces; collective."""
         on_body = -self.problem.surface.at_nodes(self.contact_force)
-        found = force_balance(self.problem, self.displacement, on_body, self._imbalance, self._reaction)
-        return replace(found, loaded_foundations=motions_of(self.problem.state.loaded, self.at_nodes))
+        balance = force_balance(self.problem, self.displacement, on_body, self._imbalance, self._reaction)
+        return replace(balance, loaded_foundations=motions_of(self.problem.state.loaded, self.at_nodes))
 
     @property
     def loads(self) -> tuple[Resultant, ...]:
@@ -286,7 +286,7 @@ class Solution:
         cells = np.sqrt(at.area) if layer is None else layer.cell_sizes(at.x, at.area, members[0][0].body.degree)
         scales = face_scales(e, over)
         measured = small_strain(at, cells, foundations, scales, gradient, faces, inside, large, of_pairs)
-        guides = max(one.body.turn_of_guides() for one in body.members)
+        guides = max(member.body.turn_of_guides() for member in body.members)
         measured = replace(measured, turn=max(measured.turn, guides))
         found = self.stability
         return measured if found is None else replace(measured, unstable=found.unstable, by_friction=found.by_friction)
@@ -410,10 +410,10 @@ class Solution:
         `contact_face` is the name of the face, with that opposite where it is in several pairs; x, y, z are places
         before deformation in metres; the others are the fields of contact.xdmf.
         """
-        at = self.at_nodes
-        columns: dict[str, Any] = {"contact_face": np.array(self._sides)[at.part]}
-        columns |= dict(zip("xyz", at.x.T, strict=True))
-        for name, values in at.fields().items():
+        answer = self.at_nodes
+        columns: dict[str, Any] = {"contact_face": np.array(self._sides)[answer.part]}
+        columns |= dict(zip("xyz", answer.x.T, strict=True))
+        for name, values in answer.fields().items():
             if values.ndim == 1:
                 columns[name] = values
             else:
@@ -423,7 +423,7 @@ class Solution:
     @property
     def _sides(self) -> list[str]:
         """The names of the contact faces in files."""
-        return [side for side, _ in side_names((one.face, one.against) for one in self.problem.contacts)]
+        return [side for side, _ in side_names((contact.face, contact.against) for contact in self.problem.contacts)]
 
     def plot(self, field: str = "pressure", scale: float | None = None, view: str | None = None) -> Any:
         """A pyvista plotter with the deformed bodies and a field, as of `coulomb plot`; `show()` displays it: in a

@@ -68,7 +68,7 @@ class Solving:
     def in_place(self, posed: DiscreteProblem, start: FloatArray | None) -> Solution:
         """`answer`, with the foundations under load where it has moved them, as often as that leaves the certificate
         above the tolerance; NotConverged if that is more than _MOST times."""
-        answer, size, found = self.answer(posed, start), math.inf, False
+        answer, size, certified = self.answer(posed, start), math.inf, False
         results = [answer.result]
         for _ in range(_MOST if posed.state.loaded else 0):
             poses = posed.state.poses_after(answer.result.rigid)
@@ -79,9 +79,9 @@ class Solving:
             result = replace(together(results), x=forces.ravel(), rigid=rest)
             placed = answer_of(there, result)
             before, size = size, size_of(placed.certificate)
-            if placed.certificate.passed and (size <= self.tolerance or (found and size > 0.5 * before)):
+            if placed.certificate.passed and (size <= self.tolerance or (certified and size > 0.5 * before)):
                 return placed
-            found = placed.certificate.passed
+            certified = placed.certificate.passed
             posed, answer = there, self.answer(there, result.x)
             results.append(answer.result)
         if not posed.state.loaded:
@@ -176,10 +176,10 @@ def together(results: Sequence[SolverResult]) -> SolverResult:
     """The last of several results, with the sums of steps and products, and the history of all."""
     return replace(
         results[-1],
-        outer_steps=sum(one.outer_steps for one in results),
-        newton_steps=sum(one.newton_steps for one in results),
-        products=sum(one.products for one in results),
-        history=tuple(chain.from_iterable(one.history for one in results)),  # type: ignore[arg-type]
+        outer_steps=sum(result.outer_steps for result in results),
+        newton_steps=sum(result.newton_steps for result in results),
+        products=sum(result.products for result in results),
+        history=tuple(chain.from_iterable(result.history for result in results)),  # type: ignore[arg-type]
     )
 
 

@@ -178,9 +178,9 @@ class State:
         still, none, worn = np.zeros((nodes, 3)), np.zeros((points, 3)), Accumulated.none(points)
         return cls(0, time, Energy(), still, none, np.zeros(points), worn, pending)
 
-    def new_part(self, at: IntArray, answer: NodalAnswer) -> float:
+    def new_part(self, nodes: IntArray, answer: NodalAnswer) -> float:
         """The part of the normal forces of an answer at the end of the next step, with its contact points `at` these
         numbers of those of states, that is at points which are open at its start; collective."""
-        over, normal, new = Reductions(answer.comm), answer.force[:, 0], ~np.any(self.force_on_body[at], axis=1)
+        over, normal, new = Reductions(answer.comm), answer.force[:, 0], ~np.any(self.force_on_body[nodes], axis=1)
         whole = over.sum(normal)
         return over.sum(normal[new]) / whole if whole > 0.0 else 0.0

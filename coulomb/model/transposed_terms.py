@@ -49,7 +49,7 @@ class TransposedTerms:
         self._over, self._along, self._body = over, along, body
         extent = float(np.max(over.extent(body.x)))
         force = over.max(np.abs(x)) / extent
-        beside = nodes_beside(problem, [(one, boundary_facets(one.body.domain)) for one in body.members])
+        beside = nodes_beside(problem, [(member, boundary_facets(member.body.domain)) for member in body.members])
         points = nodes_of_points(problem)
         before = problem.comm.exscan(len(problem.surface.nodes)) or 0
         own, first = slice(before, before + len(problem.surface.nodes)), body.numbering.first
@@ -72,9 +72,9 @@ class TransposedTerms:
             of_nodes = pattern(beside + points.T @ rows)
             sites = scipy.sparse.vstack([of_nodes[first : first + len(body.x)], rows[own]], format="csr")
             colours = colours_of(scipy.sparse.vstack([of_nodes, rows], format="csr"))
-            found = by_colours(sites, site, colours, self._stacked, counts)
-            if found is not None and not counts(whole - found @ way.ravel()):
-                self._matrix = found
+            matrix = by_colours(sites, site, colours, self._stacked, counts)
+            if matrix is not None and not counts(whole - matrix @ way.ravel()):
+                self._matrix = matrix
                 return
         raise ValueError("gradients: what contact owes to the displacement is not of nodes near, or has a kink")
 
@@ -82,17 +82,17 @@ class TransposedTerms:
         """What a function owes to w by the terms, shape (k, 3), from what it owes to load and prescribed displacements
         (k, 3), to the equations of contact and to forces along turning frames (m, 3); collective."""
         blocks = load, prescribed, -owed.b, owed.bound, components
-        whole = self._over.total(self._matrix.T @ np.concatenate([one.ravel() for one in blocks]))
+        whole = self._over.total(self._matrix.T @ np.concatenate([block.ravel() for block in blocks]))
         first = self._body.numbering.first
         return whole.reshape(-1, 3)[first : first + len(self._body.x)]
 
     def _stacked(self, way: FloatArray) -> FloatArray:
         """The terms along a way of the nodes of all ranks: this rank's rows."""
         first = self._body.numbering.first
-        found = self._along(way[first : first + len(self._body.x)])
-        blocks = found.load, found.prescribed, found.c, found.bound, found.components
-        self._ends = np.cumsum([one.size for one in blocks])[:-1]
-        return np.concatenate([one.ravel() for one in blocks])
+        change = self._along(way[first : first + len(self._body.x)])
+        blocks = change.load, change.prescribed, change.c, change.bound, change.components
+        self._ends = np.cumsum([block.size for block in blocks])[:-1]
+        return np.concatenate([block.ravel() for block in blocks])
 
     def _sizes(self, stacked: FloatArray) -> FloatArray:
         """The largest entry of every kind over all ranks."""

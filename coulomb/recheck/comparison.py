@@ -152,12 +152,12 @@ def in_files(place: Place) -> str:
 
 def named(places: Sequence[Place]) -> list[str]:
     """The names of entries, each once: of summary.json by the key at the top, or as "key of key at the top"."""
-    found = []
+    names_of = []
     for file, *keys in places:
         names = [str(key) for key in keys if isinstance(key, str)]
         top = names[:1] if file == SUMMARY else [str(file)]
-        found.append(" of ".join(dict.fromkeys([names[-1], *top])))
-    return list(dict.fromkeys(found))
+        names_of.append(" of ".join(dict.fromkeys([names[-1], *top])))
+    return list(dict.fromkeys(names_of))
 
 
 def complete(folder: Path, read: Callable[[], Result]) -> Result:
@@ -168,17 +168,17 @@ def complete(folder: Path, read: Callable[[], Result]) -> Result:
         raise ValueError(f"{folder}: is incomplete, or written by another version of coulomb: {error!r}") from None
 
 
-def _largest(tree: Any, found: dict[str, float], of: str) -> dict[str, float]:
+def _largest(tree: Any, sizes: dict[str, float], of: str) -> dict[str, float]:
     """Adds the largest numbers by their keys, those of lists by that of the list."""
     if isinstance(tree, Mapping):
         for key, value in tree.items():
-            _largest(value, found, str(key))
+            _largest(value, sizes, str(key))
     elif isinstance(tree, list):
         for value in tree:
-            _largest(value, found, of)
+            _largest(value, sizes, of)
     elif isinstance(tree, float) and np.isfinite(tree):
-        found[of] = max(found.get(of, 0.0), abs(tree))
-    return found
+        sizes[of] = max(sizes.get(of, 0.0), abs(tree))
+    return sizes
 
 
 def _at(tree: Any, key: Any) -> Any:

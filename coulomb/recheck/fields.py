@@ -36,14 +36,14 @@ def whole(comm: MPI.Comm, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 def grids_of(answer: Solution, bars: Mapping[str, Any] | None) -> Grids:
     """The grids that would be written of an answer with these error bars, on rank 0; collective."""
-    comm, found = answer.problem.comm, Grids()
+    comm, by_file = answer.problem.comm, Grids()
     for name, grids in grids_of_files(answer, {}, bars).items():
-        found[name] = {}
+        by_file[name] = {}
         for one in grids:
             fields = {field: whole(comm, values) for field, values in (*one.on_points.items(), *one.on_cells.items())}
             mesh = one.grid.kind, whole(comm, one.grid.cells), whole(comm, one.grid.points)
-            found[name][one.name or WHOLE] = Grid(*mesh, fields, frozenset(one.on_cells))
-    return found
+            by_file[name][one.name or WHOLE] = Grid(*mesh, fields, frozenset(one.on_cells))
+    return by_file
 
 
 def fields_of(grids: Grids) -> dict[str, dict[str, dict[str, Field]]]:
@@ -64,9 +64,9 @@ def in_order(folder: Path, grids: Grids, like: Grids, numbers: Mapping[str, IntA
     Raises:
         ValueError: If the meshes are not those.
     """
-    found = Grids()
+    ordered = Grids()
     for file, there in grids.items():
-        wanted, found[file] = like[file], {}
+        wanted, ordered[file] = like[file], {}
         if list(there) != list(wanted):
             what = [", ".join(map(repr, names)) for names in (there, wanted)]
             raise ValueError(f"{folder / file}: shows {what[0]}, but of the case are {what[1]}")
@@ -76,8 +76,8 @@ def in_order(folder: Path, grids: Grids, like: Grids, numbers: Mapping[str, IntA
                 place = np.full(len(node), -1)
                 place[grid.fields[NODE].astype(np.int64)] = np.arange(len(grid.points))
                 node = place[node[wanted[name].fields[NODE].astype(np.int64)]]
-            found[file][name] = _in_order(folder / file, grid, wanted[name], node)
-    return found
+            ordered[file][name] = _in_order(folder / file, grid, wanted[name], node)
+    return ordered
 
 
 def _in_order(file: Path, grid: Grid, like: Grid, node: IntArray) -> Grid:
@@ -121,11 +121,11 @@ def sound(files: RunDirectory) -> tuple[dict[str, Any], Grids, dict[str, float]]
             raise ValueError(f"{files.path}: is incomplete: there is no {path.name}")
     try:
         times = {name: described(files.path / name, *kind) for name, kind in _KINDS.items()}
-        found = {name: read_grids(files.path / name) for name in FIELDS}
+        grids_of_file = {name: read_grids(files.path / name) for name in FIELDS}
     except (OSError, KeyError, IndexError, RuntimeError, TypeError) as error:
         raise ValueError(f"{files.path}: is incomplete: {error}") from None
-    for name, grid in ((name, grid) for name, grids in found.items() for grid in grids.values()):
+    for name, grid in ((name, grid) for name, grids in grids_of_file.items() for grid in grids.values()):
         for one, values in grid.fields.items():
             if not np.all(np.isfinite(values)):
                 raise ValueError(f"{data_of(files.path / name)}: {one} has entries that are not finite")
-    return contents, found, times
+    return contents, grids_of_file, times

@@ -58,7 +58,7 @@ def check_alone(files: RunDirectory, why: str) -> Findings:
     Raises:
         ValueError: If a file is missing, cannot be read, or does not match the others.
     """
-    (contents, grids, times), found, random = sound(files), Comparison(), np.random.default_rng(1)
+    (contents, grids, times), compared, random = sound(files), Comparison(), np.random.default_rng(1)
     use(**{name: str(unit) for name, unit in contents.get("units", {}).items() if name in ("length", "stress")})
 
     def near(of: Grid) -> Grid:
@@ -66,23 +66,23 @@ def check_alone(files: RunDirectory, why: str) -> Findings:
         return of._replace(fields=fields)
 
     around = {file: {name: near(of) for name, of in there.items()} for file, there in grids.items()}
-    (at, answer, forces), (_, other, near_them) = (_contact(files, contents, of) for of in (grids, around))
-    written, fields = _fields(at, answer)
-    found.tree(written, fields, [{**_fields(at, other)[1], "status": None}], (CONTACT, WHOLE), ANSWER)
+    (written_fields, answer, forces), (_, other, near_them) = (_contact(files, contents, of) for of in (grids, around))
+    written, fields = _fields(written_fields, answer)
+    compared.tree(written, fields, [{**_fields(written_fields, other)[1], "status": None}], (CONTACT, WHOLE), ANSWER)
     numbers = _numbers(contents, grids, answer, forces)
     strain = contents.get("small_strain") or {}
     violations = () if strain.get("accepted") else tuple(strain.get("violations", ()))
     numbers["valid"] = numbers["certificate"]["passed"] and not violations
     loads = np.sum([np.zeros(3), *(one["force"] for one in contents.get("loads", ()))], axis=0)
     said = {**contents, "sum of loads": loads.tolist()}
-    found.tree(said, numbers, [_numbers(contents, around, other, near_them)], (SUMMARY,), "the fields")
+    compared.tree(said, numbers, [_numbers(contents, around, other, near_them)], (SUMMARY,), "the fields")
     for name, time in times.items():
-        found.tree(time, contents.get("step", {}).get("time", time), (), (name, WHOLE, "time"))
-    _judge(contents, grids, answer, forces, found)
+        compared.tree(time, contents.get("step", {}).get("time", time), (), (name, WHOLE, "time"))
+    _judge(contents, grids, answer, forces, compared)
     taken = (f"judged from the files alone, since {why}: {_JUDGED}", f"not judged without the problem: {_LEFT}")
-    names = dict.fromkeys(one for grid in grids[SOLUTION].values() for one in grid.fields if one not in OURS)
-    left = named(found.left) + [f"{one} of {SOLUTION}" for one in names]
-    return Findings(contents, None, violations, found.faults, taken, [*left, *unread(files)])
+    names = dict.fromkeys(field for grid in grids[SOLUTION].values() for field in grid.fields if field not in OURS)
+    left = named(compared.left) + [f"{one} of {SOLUTION}" for one in names]
+    return Findings(contents, None, violations, compared.faults, taken, [*left, *unread(files)])
 
 
 Forces = list[tuple[str, int | None, FloatArray]]
@@ -116,12 +116,12 @@ def _contact(files: RunDirectory, contents: Mapping[str, Any], grids: Grids) -> 
     return at, _answer(at, contents, len(bodies) > 1), forces
 
 
-def _fields(at: Fields, answer: NodalAnswer) -> tuple[dict[str, Field], dict[str, Field]]:
+def _fields(points: Fields, answer: NodalAnswer) -> tuple[dict[str, Field], dict[str, Field]]:
     """Fields that follow from the others, and forces and the bound of friction within those of the law: as they are in
     the files, and as they follow."""
     force, bound, fields = answer.force, answer.bound, answer.fields()
     largest, none = float(np.max(np.abs(force), initial=0.0)), np.zeros(len(force))
-    pairs: dict[str, tuple[Any, Any, float]] = {name: (at[name], fields[name], 0.0) for name in _FIELDS}
+    pairs: dict[str, tuple[Any, Any, float]] = {name: (points[name], fields[name], 0.0) for name in _FIELDS}
     pairs["length of normal"] = np.linalg.norm(answer.frames[:, 0], axis=1), none + 1.0, 0.0
     pairs["tension"] = np.maximum(-force[:, 0], 0.0), none, 1e-6 * largest
     beyond = np.maximum(np.hypot(force[:, 1], force[:, 2]) - bound, 0.0)
@@ -135,7 +135,7 @@ def _numbers(contents: Mapping[str, Any], grids: Grids, answer: NodalAnswer, for
     """The entries of the summary that follow from the fields: totals, and sums of the nodal forces of loads, faces
     opposite and bodies; and rows of the certificate, which pass if their values are from 0 to their limits."""
     solids, numbers = grids[SOLUTION], answer.numbers()
-    u, load = (np.concatenate([one.fields[name] for one in solids.values()]) for name in ("displacement", "load"))
+    u, load = (np.concatenate([solid.fields[name] for solid in solids.values()]) for name in ("displacement", "load"))
 
     def resultant(on: Sequence[FloatArray]) -> list[float]:
         return (answer.copies * np.concatenate([load[:0], *on]).sum(axis=0)).tolist()
@@ -188,42 +188,42 @@ def _judge(contents: Mapping[str, Any], grids: Grids, answer: NodalAnswer, force
         )
 
 
-def _answer(at: Fields, contents: Mapping[str, Any], several: bool) -> NodalAnswer:
+def _answer(points: Fields, contents: Mapping[str, Any], several: bool) -> NodalAnswer:
     """The answer at the contact points, by their fields; ValueError if they have no axes or area.  The largest friction
     of a face is that in the summary, or where it is a function of place the bound in the files, between the smallest
     and the largest."""
-    faces, part = contents["faces"], np.round(at["face"]).astype(np.int64)
-    frames = np.stack([at["normal"], at["tangent_1"], at["tangent_2"]], axis=1)
+    faces, part = contents["faces"], np.round(points["face"]).astype(np.int64)
+    frames = np.stack([points["normal"], points["tangent_1"], points["tangent_2"]], axis=1)
     if np.any(np.abs(np.linalg.det(frames)) < 1e-6):
         raise ValueError(f"{CONTACT}: normal and tangents of a contact point are no axes")
-    if np.any(at["area"] <= 0.0):
+    if np.any(points["area"] <= 0.0):
         raise ValueError(f"{CONTACT}: area of a contact point is not positive")
     given, limit = [face.get("friction_limit") for face in faces], None
     if any(one is not None for one in given):
         ends = [(one["min"], one["max"]) if isinstance(one, Mapping) else (one or np.inf,) * 2 for one in given]
-        limit = np.clip(at["slip_bound"], *(np.array(ends)[part].T * at["area"]))
-    rows = np.einsum("kij,kj->ki", frames, at["slip"])
-    rows[:, 0] = at["initial_gap"] - at["gap"]
+        limit = np.clip(points["slip_bound"], *(np.array(ends)[part].T * points["area"]))
+    rows = np.einsum("kij,kj->ki", frames, points["slip"])
+    rows[:, 0] = points["initial_gap"] - points["gap"]
     return NodalAnswer(
         comm=MPI.COMM_SELF,
-        law=FrictionLaw(at["cohesion"] * at["area"], at["friction"], limit),
+        law=FrictionLaw(points["cohesion"] * points["area"], points["friction"], limit),
         faces=tuple(face["faces"][0] for face in faces),
         part=part,
-        x=at["points"],
+        x=points["points"],
         frames=frames,
-        gap=at["initial_gap"],
-        given_gap=at["given_gap"],
-        chord=np.zeros((len(at["points"]), 2)),
-        area=at["area"],
+        gap=points["initial_gap"],
+        given_gap=points["given_gap"],
+        chord=np.zeros((len(points["points"]), 2)),
+        area=points["area"],
         slip_origin=np.zeros_like(rows),
         displacement=rows,
-        force=-np.einsum("kij,kj->ki", inverse_frames(frames), at["contact_force"]),
-        slip_bound=at["slip_bound"],
-        compliance=np.column_stack([at[name] for name in COMPLIANCES]),
+        force=-np.einsum("kij,kj->ki", inverse_frames(frames), points["contact_force"]),
+        slip_bound=points["slip_bound"],
+        compliance=np.column_stack([points[name] for name in COMPLIANCES]),
         spins=(None,) * len(faces),
         earlier=Accumulated.none(len(rows)),
         force_before=np.zeros_like(rows),
-        against=tuple(one.get("against") for one in faces),
+        against=tuple(face.get("against") for face in faces),
         several=several,
         copies=float(contents.get("slice", {}).get("layers", 1.0)),
     )

@@ -27,7 +27,7 @@ def check_history(files: RunDirectory, posed: Posed | str, say: Callable[[str], 
     """Check a load history, step by step (`check`)."""
     comm = None if isinstance(posed, str) else posed.problem.comm
     complete, trusted, running = *complete_steps(files), on_rank_0(comm, lambda: in_use(files.path))
-    found, steps, left = Comparison(), list[Findings](), list[str]()
+    compared, steps, left = Comparison(), list[Findings](), list[str]()
     before = [] if isinstance(posed, str) else [beginning(files, posed)] * len(SEEDS)
     for number in range(1, complete + 1):
         findings, states = judged(files.step(number), posed, before)
@@ -42,10 +42,10 @@ def check_history(files: RunDirectory, posed: Posed | str, say: Callable[[str], 
     if running:
         trusted.append(f"a run is at work: {SUMMARY}, {HISTORY} and the series, which go on with it, were not compared")
     else:
-        check_series(files, summaries, found)
-    trusted += check_times(None if isinstance(posed, str) else posed.settings, summaries, found)
-    left += [*named(found.left), f"path_following and residual of {HISTORY}", *unread(files)]
-    return Findings(files.read_summary(), None, (), found.faults, trusted, list(dict.fromkeys(left)), steps)
+        check_series(files, summaries, compared)
+    trusted += check_times(None if isinstance(posed, str) else posed.settings, summaries, compared)
+    left += [*named(compared.left), f"path_following and residual of {HISTORY}", *unread(files)]
+    return Findings(files.read_summary(), None, (), compared.faults, trusted, list(dict.fromkeys(left)), steps)
 
 
 def complete_steps(files: RunDirectory) -> tuple[int, list[str]]:
@@ -81,19 +81,19 @@ def check_times(settings: Case | None, summaries: Sequence[dict[str, Any]], foun
     return [f"not finished: {len(left)} load steps are still to be taken"] if left else []
 
 
-def check_series(files: RunDirectory, summaries: Sequence[dict[str, Any]], found: Comparison) -> None:
+def check_series(files: RunDirectory, summaries: Sequence[dict[str, Any]], compared: Comparison) -> None:
     """Compare history.csv, summary.json and the time series with the steps."""
     rows, lines = [summary["step"]["row"] for summary in summaries], read_table(files.history)
     if len(lines) != len(rows):
-        found.faults.append(f"{HISTORY}: has {len(lines)} lines, but there are {len(rows)} load steps")
+        compared.faults.append(f"{HISTORY}: has {len(lines)} lines, but there are {len(rows)} load steps")
     if extra := {str(name) for line in lines for name in line} - {name for row_ in rows for name in row_}:
-        found.faults.append(f"{HISTORY}: has columns that no load step has: {', '.join(sorted(extra))}")
+        compared.faults.append(f"{HISTORY}: has columns that no load step has: {', '.join(sorted(extra))}")
     for number, (line, row_) in enumerate(zip(lines, rows, strict=False), start=1):
         one = {name: value for name, value in line.items() if name in row_}
-        found.tree(one, row_, (), (f"{HISTORY}: line {number}",), f"step {number}")
+        compared.tree(one, row_, (), (f"{HISTORY}: line {number}",), f"step {number}")
     expected = summary_of(rows, whole(summaries), summaries[-1])
-    found.tree(files.read_summary(tuple(expected)), expected, (), (SUMMARY,), "the steps")
+    compared.tree(files.read_summary(tuple(expected)), expected, (), (SUMMARY,), "the steps")
     for name in FIELDS:
         series = Series(files.path, name).text([step_place(number) for number in range(1, len(summaries) + 1)])
         if not (files.path / name).is_file() or (files.path / name).read_bytes() != series.encode():
-            found.faults.append(f"{name}: is not the time series of the {len(summaries)} load steps")
+            compared.faults.append(f"{name}: is not the time series of the {len(summaries)} load steps")

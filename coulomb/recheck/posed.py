@@ -117,8 +117,8 @@ class WrittenAnswer:
         if poses is not None:
             state = problem.body.posed(problem.state, poses, problem.before)
             problem = problem.in_state(state, problem.seconds, problem.before)
-        at = problem.body.places(problem.surface)
-        x, compliances = -problem.surface.force_components(f[at]).ravel(), self._compliances[at]
+        places = problem.body.places(problem.surface)
+        x, compliances = -problem.surface.force_components(f[places]).ravel(), self._compliances[places]
         bound = problem.slip_bound(x)
         evidence = gather_evidence(problem.body, problem.state, x, u, compliances, problem.before)
         evidence, certificate = settled_to(evidence, judge(evidence), unsettled)

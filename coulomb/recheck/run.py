@@ -85,8 +85,8 @@ def judged(files: RunDirectory, posed: Posed | str, before: Sequence[State] | No
     comm, problems, there = posed.problem.comm, [posed.problem] * len(SEEDS), list[Any]()  # on rank 0
 
     def look() -> dict[str, Any]:
-        contents, *found = sound(files)
-        there[:] = found
+        contents, *compared = sound(files)
+        there[:] = compared
         return contents
 
     contents = on_rank_0(comm, lambda: complete(files.path, look))
@@ -99,10 +99,10 @@ def judged(files: RunDirectory, posed: Posed | str, before: Sequence[State] | No
                 f"{then.time:g} s"
             )
         problems = [posed.problem.at(time, state) for state in before]
-    answer, found = WrittenAnswer(files, posed.problem), Comparison()
+    answer, compared = WrittenAnswer(files, posed.problem), Comparison()
     answers = [answer.judged(problem, seed) for problem, seed in zip(problems, SEEDS, strict=True)]
     states = [posed.problem.after(state, one) for state, one in zip(before or (), answers, strict=False)]
-    _compare_temperature(answers[0], found)
+    _compare_temperature(answers[0], compared)
     numbers = [numbers_of(one, contents, state) for one, state in zip_longest(answers, states)]
     grids = [grids_of(one, contents.get("error")) for one in answers]
 
@@ -120,25 +120,25 @@ def judged(files: RunDirectory, posed: Posed | str, before: Sequence[State] | No
             bound = grid["slip_bound"]
             grid["slip_bound"] = bound._replace(floor=limit * float(np.linalg.norm(bound.values)))
         for name in (CONTACT, SOLUTION):  # in a list that is cut
-            found.tree(there[1][name], problems[0].time, (), (name, WHOLE, "time"))
-            found.tree(written[name], expected[name], [other[name] for other in others], (name,))
+            compared.tree(there[1][name], problems[0].time, (), (name, WHOLE, "time"))
+            compared.tree(written[name], expected[name], [other[name] for other in others], (name,))
         said = dict(contents)
         if "step" in said:  # `_compare_record` judges the case, `check_times` the rest
             apart = ("case", "pending", "halvings")
             said["step"] = {name: one for name, one in said["step"].items() if name not in apart}
-            _compare_record(contents["step"].get("case"), posed.settings, found)
-        found.tree(said, numbers[0], numbers[1:], (SUMMARY,))
-        compare_error_bars(contents, found)
-        ours = [place for place in found.left if place[0] == SOLUTION and place[-1] in OURS]
-        found.faults += [f"{in_files(place)}: is none of the case" for place in ours]
-        return named([place for place in found.left if place not in ours]) + unread(files)
+            _compare_record(contents["step"].get("case"), posed.settings, compared)
+        compared.tree(said, numbers[0], numbers[1:], (SUMMARY,))
+        compare_error_bars(contents, compared)
+        ours = [place for place in compared.left if place[0] == SOLUTION and place[-1] in OURS]
+        compared.faults += [f"{in_files(place)}: is none of the case" for place in ours]
+        return named([place for place in compared.left if place not in ours]) + unread(files)
 
-    unjudged, faults = on_rank_0(comm, lambda: (complete(files.path, compare), found.faults))
+    unjudged, faults = on_rank_0(comm, lambda: (complete(files.path, compare), compared.faults))
     taken = [] if contents.get("coulomb") == __version__ else [f"written by coulomb {contents.get('coulomb')}"]
     return Findings(contents, answers[0].certificate, answers[0].outside, faults, taken, unjudged), states
 
 
-def _compare_record(record: Any, settings: Case | None, found: Comparison) -> None:
+def _compare_record(record: Any, settings: Case | None, compared: Comparison) -> None:
     """Compare the case from which a load step was computed, if it is recorded, but for what may change between
     steps."""
     if record is None or settings is None:
@@ -148,12 +148,12 @@ def _compare_record(record: Any, settings: Case | None, found: Comparison) -> No
         changed, _ = changes_of_case(record, settings, MPI.COMM_SELF)
     except ValidationError:
         changed = ["is none"]
-    found.faults += [f"{in_files(place)}: {text} in {CASE}" for text in changed]
-    found.left += [(*place, *key.split(".")) for key in FREE if key != "output"]
-    found.left += [(*place, "file")] * bool(record["files"])
+    compared.faults += [f"{in_files(place)}: {text} in {CASE}" for text in changed]
+    compared.left += [(*place, *key.split(".")) for key in FREE if key != "output"]
+    compared.left += [(*place, "file")] * bool(record["files"])
 
 
-def compare_error_bars(contents: Mapping[str, Any], found: Comparison) -> None:
+def compare_error_bars(contents: Mapping[str, Any], compared: Comparison) -> None:
     """Compare the values that have error bars with the totals of the summary, and the bars with the sums of their
     parts, which are those of the run."""
     bars = {bar["quantity"]: bar for bar in (contents.get("error") or {}).get("bars", ())}
@@ -161,15 +161,15 @@ def compare_error_bars(contents: Mapping[str, Any], found: Comparison) -> None:
         return
     totals = {name: value.tolist() for name, value, _ in totals_in(contents) if name in bars}
     said = {name: np.atleast_1d(bars[name]["value"]).tolist() for name in totals}
-    found.tree(said, totals, (), (f"{SUMMARY}: error",), ANSWER)
+    compared.tree(said, totals, (), (f"{SUMMARY}: error",), ANSWER)
     with_parts = {name: bar for name, bar in bars.items() if "parts" in bar}  # none without an order
     sums = {name: sum(np.atleast_1d(part) for part in bar["parts"].values()) for name, bar in with_parts.items()}
     said = {name: np.atleast_1d(bar["error"]).tolist() for name, bar in with_parts.items()}
     whole = {name: np.asarray(of).tolist() for name, of in sums.items()}
-    found.tree(said, whole, (), (f"{SUMMARY}: error bar",), "its parts")
+    compared.tree(said, whole, (), (f"{SUMMARY}: error bar",), "its parts")
 
 
-def _compare_temperature(answer: Solution, found: Comparison) -> None:
+def _compare_temperature(answer: Solution, compared: Comparison) -> None:
     """Compare the temperature with that of conduction; collective."""
     heat, conduction = answer.heat, answer.problem.body.heat
     if heat is None or conduction is None:
@@ -177,10 +177,10 @@ def _compare_temperature(answer: Solution, found: Comparison) -> None:
     try:
         expected = conduction.solve(*at_contact(answer), heat.change)
     except ValueError as error:  # on all ranks: these fix no temperature
-        found.faults.append(f"{SOLUTION}: {TEMPERATURE}: {error}")
+        compared.faults.append(f"{SOLUTION}: {TEMPERATURE}: {error}")
         return
     x, floor = answer.problem.elasticity.x, _AGREEMENT * float(np.max(np.abs(heat.change), initial=0.0))
-    found.tree(Field(heat.change, x), Field(expected, x, floor), (), (SOLUTION, WHOLE, TEMPERATURE), _HEAT)
+    compared.tree(Field(heat.change, x), Field(expected, x, floor), (), (SOLUTION, WHOLE, TEMPERATURE), _HEAT)
     if not heat.balanced:
-        found.faults.append(f"{SUMMARY}.heat: {heat.imbalance:.3g} W of {heat.power_in:.6g} W are missing")
-    found.faults = [fault for faults in answer.problem.comm.allgather(found.faults) for fault in faults]
+        compared.faults.append(f"{SUMMARY}.heat: {heat.imbalance:.3g} W of {heat.power_in:.6g} W are missing")
+    compared.faults = [fault for faults in answer.problem.comm.allgather(compared.faults) for fault in faults]

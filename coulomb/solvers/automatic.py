@@ -249,7 +249,7 @@ def open_motion(problem: FrictionProblem) -> FloatArray | None:
 
         whole = np.concatenate(rows)
         G, room = whole[:, :-1], whole[:, -1]
-        found = linprog(np.ones(2 * rigid.count), np.hstack([G, -G]), room, method="highs", options=EXACT)
-        if found.success:
-            alpha = largest * (found.x[: rigid.count] - found.x[rigid.count :])
+        programme = linprog(np.ones(2 * rigid.count), np.hstack([G, -G]), room, method="highs", options=EXACT)
+        if programme.success:
+            alpha = largest * (programme.x[: rigid.count] - programme.x[rigid.count :])
     return over.comm.bcast(alpha)

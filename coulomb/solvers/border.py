@@ -50,7 +50,7 @@ class Border:
 
     @classmethod
     def found(
-        cls, equations: ContactEquations, at: ContactDerivative, x: FloatArray, w: FloatArray, least: FloatArray
+        cls, equations: ContactEquations, derivative: ContactDerivative, x: FloatArray, w: FloatArray, least: FloatArray
     ) -> Border:
         """Where forces and bounds are apart by no more than `least` (m,), newtons; x and w as in the equations."""
         p_n, p = equations.pressed(x, w)
@@ -61,7 +61,7 @@ class Border:
         turning = frictional & bounded & (np.abs(length - bound) <= least)
         bare, slope = frictional & closing & ~bounded, equations.law.slope(np.maximum(x[:, 0], 0.0))
         slipped = length > least
-        return cls(equations, at, closing, turning, _over(p, length), bare & slipped, bare & ~slipped, slope)
+        return cls(equations, derivative, closing, turning, _over(p, length), bare & slipped, bare & ~slipped, slope)
 
     @property
     def points(self) -> npt.NDArray[np.bool_]:

@@ -173,9 +173,9 @@ class _Condensed(NewtonSystem):
 
     def solve(self, equations: NewtonEquations) -> NewtonStep:
         """The step; its accuracy depends on R (module docstring); weight, tolerance and cap are not used."""
-        at, r1, r2 = equations.at, equations.r1, equations.r2
-        r = r1 + at.J12(r2 / at.D22)
-        self._spring = NodalInverse(at, self._least)
+        nodal, r1, r2 = equations.at, equations.r1, equations.r2
+        r = r1 + nodal.J12(r2 / nodal.D22)
+        self._spring = NodalInverse(nodal, self._least)
         self._stiffen()
         self._x.array[:] = self._scaled.forces(self._spring(r))
         self._B.multTranspose(self._x, self._rhs)
@@ -196,7 +196,7 @@ class _Condensed(NewtonSystem):
         ksp.destroy()
         A_dx = self._gathered(self.products.w)
         dx = self._spring(r - A_dx)
-        return NewtonStep(dx, at.multipliers(dx, r2), A_dx, iterations)
+        return NewtonStep(dx, nodal.multipliers(dx, r2), A_dx, iterations)
 
     def _stiffen(self) -> None:
         """K + B^T C_d^-1 B: K, and a block per contact node on its diagonal."""

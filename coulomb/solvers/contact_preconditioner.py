@@ -66,15 +66,15 @@ class ContactPreconditioner:
         """D^-1 C, node by node, shape (m, 3, s)."""
         return self.A.weighted_columns.reshape(*self._D.shape, self.A.columns.shape[1])
 
-    def move(self, at: ContactDerivative) -> None:
+    def move(self, derivative: ContactDerivative) -> None:
         """To a point: the equations and their derivative there; collective."""
-        QD = at.Q * self._D[:, None, :]
+        QD = derivative.Q * self._D[:, None, :]
         with np.errstate(invalid="ignore"):
-            size = np.maximum(np.abs(at.P - self._P), np.abs(QD - self._QD)).max(axis=(1, 2))
+            size = np.maximum(np.abs(derivative.P - self._P), np.abs(QD - self._QD)).max(axis=(1, 2))
         new = np.flatnonzero(~(size <= self._changed))  # nan is a change
-        self._P[new], self._QD[new] = at.P[new], QD[new]
-        self._N_inverse[new] = np.linalg.inv(at.P[new] + QD[new])
-        R = self._N_inverse[new] @ at.Q[new]
+        self._P[new], self._QD[new] = derivative.P[new], QD[new]
+        self._N_inverse[new] = np.linalg.inv(derivative.P[new] + QD[new])
+        R = self._N_inverse[new] @ derivative.Q[new]
         RD = R * self._D[new][:, None, :]
         if self.A.columns.shape[1]:
             self._replace(new, RD)
@@ -174,20 +174,20 @@ class FormedInverse:
         self._extra: FloatArray = np.where(there, _SHIFT[A.dtype == np.float32], 1.0) * diagonal
         self._at: ContactDerivative | None = None
 
-    def move(self, at: ContactDerivative) -> None:
+    def move(self, derivative: ContactDerivative) -> None:
         """To a point: the equations and their derivative there."""
-        if at is self._at:
+        if derivative is self._at:
             return
-        self._at = at
-        U, size, _ = np.linalg.svd(at.Q * self._diagonal[:, None, :])
+        self._at = derivative
+        U, size, _ = np.linalg.svd(derivative.Q * self._diagonal[:, None, :])
         self._kept = kept = size > _NOTHING  # the first ones of a node
         rows, none = U.transpose(0, 2, 1), np.zeros((1, 1, 1))
         conditions = np.where(kept[:, :, None], none, rows)
-        W, size, V = np.linalg.svd(conditions @ at.P)
+        W, size, V = np.linalg.svd(conditions @ derivative.P)
         inverse = np.where(kept[:, ::-1], 0.0, 1.0 / np.where(kept[:, ::-1], 1.0, size))
         self._G = (V.transpose(0, 2, 1) * inverse[:, None, :]) @ (W.transpose(0, 2, 1) @ conditions)
         self._rows, self._free = (np.where(kept[:, :, None], of, none) for of in (rows, V[:, ::-1]))
-        self._bases = U, self._free + conditions @ at.P
+        self._bases = U, self._free + conditions @ derivative.P
         closed = np.flatnonzero(kept[:, 0])
         count, of, A = len(closed), kept[closed], self._A.reshape(2 * kept.shape)[closed][:, :, closed]
         if not count:
@@ -195,8 +195,8 @@ class FormedInverse:
             return
         rows, free = self._rows[closed], self._free[closed]
         along = (free.astype(A.dtype) @ A.reshape(count, 3, 3 * count))[of].T.reshape(count, 3, -1)
-        M = ((rows @ at.Q[closed]).astype(A.dtype) @ along)[of]
-        own = rows @ (at.P[closed] + at.Q[closed] * self._extra[closed, None]) @ free.transpose(0, 2, 1)
+        M = ((rows @ derivative.Q[closed]).astype(A.dtype) @ along)[of]
+        own = rows @ (derivative.P[closed] + derivative.Q[closed] * self._extra[closed, None]) @ free.transpose(0, 2, 1)
         place = np.cumsum(of).reshape(of.shape) - 1
         node, i, j = np.nonzero(of[:, :, None] & of[:, None, :])
         M[place[node, i], place[node, j]] += own[node, i, j]

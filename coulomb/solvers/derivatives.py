@@ -103,9 +103,9 @@ def at_answer(problem: FrictionProblem, A: BodyCompliance, local: FloatArray, x:
     the body as a whole, which soft springs alone resist.  Displacements are judged by it.
     """
     settings = SemismoothNewton()
-    found = AnswerDerivatives(settings, problem, Task(Goal(settings.tolerance, None), None, None, None))
-    found.settle(A, local, x)
-    return found
+    derivatives = AnswerDerivatives(settings, problem, Task(Goal(settings.tolerance, None), None, None, None))
+    derivatives.settle(A, local, x)
+    return derivatives
 
 
 class Condition(NamedTuple):
@@ -161,13 +161,13 @@ class AnswerDerivatives(SemismoothIteration):
         rights = [self._right(change, of_bound) for change, of_bound in zip(changes, of_bounds, strict=True)]
         together = 1 if self._one_by_one else len(changes)
         first = [one for k in range(0, len(changes), together) for one in self._solved_for(rights[k : k + together])]
-        found = []
+        results = []
         for change, of_bound, solved in zip(changes, of_bounds, first, strict=True):
             dx, dw, u, dalpha, settled = self._along(border, change, of_bound, solved)
             dx[known, 1:] = ((slope * dx[:, 0] + change.bound)[:, None] * slips)[known]
             step = self._equations.nearest_change(self._x, w, dx, dw, change.bound, self._over, border.points)
-            found.append(Derivative(dx.ravel(), u, self._motion(dalpha), step if settled else 0.0, points))
-        return found
+            results.append(Derivative(dx.ravel(), u, self._motion(dalpha), step if settled else 0.0, points))
+        return results
 
     @property
     def closed(self) -> BoolArray:
@@ -223,15 +223,15 @@ class AnswerDerivatives(SemismoothIteration):
                 (solved,) = self._solved_for([self._right(change, of_bound)])
             dx, u, dalpha = solved
             dw = self._constraints.without(-self._body.rows(u).reshape(-1, 3) / self._a - closing, dalpha)
-            at, turned = border.along(dx, dw, bound)
+            border_rows, turned = border.along(dx, dw, bound)
             of_bound = np.where(border.rubbing[:, None], turned, of_bound)
-            left = at.apply(dx, dw)
+            left = border_rows.apply(dx, dw)
             left[:, 1:] -= of_bound
             size = max(self._over.max(np.abs(dx).ravel()), _SLIGHT * self._over.max(np.abs(self._x).ravel()))
             settled = self._over.max(np.abs(left[border.points]).ravel()) <= _SETTLED * size
             if settled:
                 break
-            self._at = at
+            self._at = border_rows
         self._at = answer
         return dx, dw, u, dalpha, settled
 
@@ -324,21 +324,21 @@ class AnswerDerivatives(SemismoothIteration):
     def _solved_for(self, rights: Sequence[_Right], accuracy: float = 0.0) -> list[_Solved]:
         """Of the derivative of the equations at the present point, to a relative residual, by default the usual one;
         collective."""
-        over, at = self._over, self._at
+        over, derivative = self._over, self._at
         scale, local = self._scale()[:, None], self._local[:, None]
         if self._one_by_one:  # a V-cycle moves a body on its springs by itself, beyond what contact lets it
             local = np.ones_like(local)
-        rows = 1.0 / (scale * np.maximum(np.abs(at.P).sum(axis=2), np.abs(at.Q).sum(axis=2) * local))
+        rows = 1.0 / (scale * np.maximum(np.abs(derivative.P).sum(axis=2), np.abs(derivative.Q).sum(axis=2) * local))
         weight = over.min(1.0 / scale)
         weight = weight if np.isfinite(weight) else 1.0  # without contact points
-        self._inverse.move(at)
+        self._inverse.move(derivative)
         krylov = CoupledKrylov(
             self._body,
             self._a,
             self._constraints,
             lambda x: x,
-            at.apply,
-            ConstraintPreconditioner(self._inverse, self._constraints, 3, at.Q @ self._scaled.G),
+            derivative.apply,
+            ConstraintPreconditioner(self._inverse, self._constraints, 3, derivative.Q @ self._scaled.G),
             rows,
             weight,
         )

@@ -73,9 +73,9 @@ def drive(
         if record is None:
             return Status.STAGNATED
         history.append(record)
-        found = reached(record.residual)
+        status = reached(record.residual)
         stop = progress is not None and bool(progress(Progress(0, len(history), record.residual)))
-        if found:
+        if status:
             return None
         if stop:
             return Status.INTERRUPTED

@@ -90,15 +90,15 @@ class LimitLoad:
         """
         if self._size == 0.0:
             return None
-        found = self._solve(self.rigid.e / self._size, None)
-        if found is None or found.left <= BALANCED:
+        balance = self._solve(self.rigid.e / self._size, None)
+        if balance is None or balance.left <= BALANCED:
             return None
         for _ in range(_ROUNDS):
-            motion = self.over.comm.bcast(self._difference(found) if self.over.comm.rank == 0 else None)
-            found = replace(found, motion=motion)
-            if not self._extended(found):
+            motion = self.over.comm.bcast(self._difference(balance) if self.over.comm.rank == 0 else None)
+            balance = replace(balance, motion=motion)
+            if not self._extended(balance):
                 break
-        return found.motion
+        return balance.motion
 
     def drives(self, motion: FloatArray) -> bool:
         """Whether loads do work on a motion (q,) and no contact force resists it; collective."""
@@ -112,11 +112,11 @@ class LimitLoad:
         """The most work of the bounded forces against a motion (q,), newtons; collective."""
         return self._size * float(motion @ self._resistance(motion)[3])
 
-    def _difference(self, found: _Found) -> FloatArray:
+    def _difference(self, balance: _Found) -> FloatArray:
         """Between the loads, less bounded forces, and the nearest resultant of the known rays, largest component 1."""
         from scipy.optimize import lsq_linear  # nnls of SciPy 1.15 ends before the nearest
 
-        target = self.rigid.e / self._size - found.bounded
+        target = self.rigid.e / self._size - balance.bounded
         columns = np.array(self._rays).reshape(-1, len(target)).T
         left = target
         if columns.size:
@@ -126,8 +126,8 @@ class LimitLoad:
     def held_part(self, changed: FloatArray) -> float | None:
         """The largest part s <= 1 of the loads `changed` (q,) which contact forces balance beside the others, e -
         changed + s changed; None if they do not even balance the others; collective."""
-        found = self._solve((self.rigid.e - changed) / self._size, changed / self._size)
-        return None if found is None or found.left > BALANCED else found.part
+        balance = self._solve((self.rigid.e - changed) / self._size, changed / self._size)
+        return None if balance is None or balance.left > BALANCED else balance.part
 
     @cached_property
     def _size(self) -> float:
@@ -136,12 +136,12 @@ class LimitLoad:
 
     def _solve(self, fixed: FloatArray, scaled: FloatArray | None) -> _Found | None:
         for _ in range(_ROUNDS):
-            found: _Found = self.over.comm.bcast(self._programme(fixed, scaled) if self.over.comm.rank == 0 else None)
-            self._weights = found.rays, found.frictions
-            if scaled is None and found.left <= 0.01 * BALANCED:
-                return found
-            if not self._extended(found):
-                return found
+            balance: _Found = self.over.comm.bcast(self._programme(fixed, scaled) if self.over.comm.rank == 0 else None)
+            self._weights = balance.rays, balance.frictions
+            if scaled is None and balance.left <= 0.01 * BALANCED:
+                return balance
+            if not self._extended(balance):
+                return balance
         return None
 
     def _programme(self, fixed: FloatArray, scaled: FloatArray | None) -> _Found:
@@ -165,10 +165,10 @@ class LimitLoad:
         part, weights = float(answer.x[-1]) if parts else 0.0, answer.x[:count]
         return _Found(left, motion, -used, part, bounded, weights[: len(self._rays)], weights[len(self._rays) :])
 
-    def _extended(self, found: _Found) -> bool:
+    def _extended(self, balance: _Found) -> bool:
         """Add the extreme forces along a motion; whether there are any that are better; collective."""
-        G = self.rigid.G.reshape(len(found.motion), -1, 3)
-        forces, gain, friction, bounded = self._resistance(found.motion)
+        G = self.rigid.G.reshape(len(balance.motion), -1, 3)
+        forces, gain, friction, bounded = self._resistance(balance.motion)
         size = self.over.max(np.abs(G)) or 1.0
         better = np.flatnonzero(gain > _BETTER * size)
         better = better[np.argsort(-gain[better], kind="stable")[:_PER_ROUND]]
@@ -178,8 +178,8 @@ class LimitLoad:
         self._own += [(first + k, int(node), forces[node]) for k, node in enumerate(better)]
         new = [ray for own in gathered for ray in own]
         self._rays += new
-        gained = float(found.motion @ bounded)
-        if gained > found.used + _BETTER * float(np.sum(np.abs(bounded))):
+        gained = float(balance.motion @ bounded)
+        if gained > balance.used + _BETTER * float(np.sum(np.abs(bounded))):
             self._bounded.append(bounded)
             self._frictions.append(friction)
             return True
@@ -274,25 +274,25 @@ def balanced_forces(problem: FrictionProblem, method: str) -> FloatArray | None:
     """
     if problem.rigid is None:
         return None
-    found, products = equilibrium(problem), problem.A.products
-    if found.exists:
-        return found.x
-    without = problem.without_motion(found.x)
-    alpha = problem.rigid_motion(found.x, without)
+    balance, products = equilibrium(problem), problem.A.products
+    if balance.exists:
+        return balance.x
+    without = problem.without_motion(balance.x)
+    alpha = problem.rigid_motion(balance.x, without)
     gradient = without - problem.rigid.displacement(alpha)
-    message = f"no equilibrium: {push(problem.rigid, found)}"
+    message = f"no equilibrium: {push(problem.rigid, balance)}"
     result = SolverResult(
-        x=found.x,
+        x=balance.x,
         gradient=gradient,
-        slip_bound=problem.slip_bound(found.x),
+        slip_bound=problem.slip_bound(balance.x),
         multipliers=np.zeros((problem.A.nodes, 2)),
         status=Status.NO_EQUILIBRIUM,
         products=problem.A.products - products,
-        residual=problem.residual(found.x, gradient),
+        residual=problem.residual(balance.x, gradient),
         method=method,
         message=message,
         rigid=alpha,
-        equilibrium=found,
+        equilibrium=balance,
     )
     raise NotConverged(message, result)
 
@@ -318,10 +318,10 @@ def sliding(problem: FrictionProblem, x: FloatArray, gradient: FloatArray, alpha
     return Equilibrium(False, x, NO_MOTION, direction, load, resistance, False) if load > resistance else None
 
 
-def push(rigid: RigidMotions, found: Equilibrium) -> str:
+def push(rigid: RigidMotions, limit: Equilibrium) -> str:
     """The motion along which the loads do more work than contact resists, in words."""
-    forces = "contact within the bounds of friction" if found.proven else "contact at the pressures of the last iterate"
+    forces = "contact within the bounds of friction" if limit.proven else "contact at the pressures of the last iterate"
     return (
-        f"the loads push along {rigid.described(found.direction)} with {found.load:.3g} (force times displacement), "
-        f"and {forces} resists with at most {found.resistance:.3g}"
+        f"the loads push along {rigid.described(limit.direction)} with {limit.load:.3g} (force times displacement), "
+        f"and {forces} resists with at most {limit.resistance:.3g}"
     )

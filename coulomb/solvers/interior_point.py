@@ -252,8 +252,8 @@ class _Path:
         method, first, report, self.tried = self.settings.finish, len(self.history), self.task.progress, True
         assert method is not None
 
-        def reported(at: Progress) -> bool | None:
-            return report is not None and report(Progress(at.outer, first + at.path_following, at.residual))
+        def reported(state: Progress) -> bool | None:
+            return report is not None and report(Progress(state.outer, first + state.path_following, state.residual))
 
         x, gradient, tolerance = answer.x, answer.without, self.goal.tolerance
         try:
@@ -418,20 +418,20 @@ def newton_step(
     scaled: ScaledProblem, newton: NewtonSystem, v: Iterate, target: float, tolerance: float, beta: float
 ) -> Step:
     """The Newton step to nu_i z_i = target: J dv = -F + (0, 0, target e), solved to a relative tolerance."""
-    at, r1 = scaled.linearize(v), -scaled.gradient(v)
+    nodal, r1 = scaled.linearize(v), -scaled.gradient(v)
     r2 = scaled.on_constraints(scaled.slack(v.x_n, v.y) - scaled.over_constraints(scaled.target(target), v.nu))
     cap = beta * target
     if scaled.sloped:
         cap = min(cap, _GRADIENT_SHARE * scaled.infeasibility(v))
     weight, r3 = scaled.weight(v.x_n), scaled.out_of_balance(v)
-    step = newton.solve(NewtonEquations(at, r1, r2, weight, tolerance, scaled.from_rms(cap), r3))
-    return along_curve(v, at, step)
+    step = newton.solve(NewtonEquations(nodal, r1, r2, weight, tolerance, scaled.from_rms(cap), r3))
+    return along_curve(v, nodal, step)
 
 
-def along_curve(v: Iterate, at: Linearization, step: NewtonStep) -> Step:
+def along_curve(v: Iterate, nodal: Linearization, step: NewtonStep) -> Step:
     """The step from v along its curve."""
     dx = step.dx
-    return Step(v, dx[:, 0], at.dy(dx), step.dnu, step.A_dx, step.iterations, step.dalpha)
+    return Step(v, dx[:, 0], nodal.dy(dx), step.dnu, step.A_dx, step.iterations, step.dalpha)
 
 
 def step_length(
@@ -462,7 +462,7 @@ def correct_step(
 
     The last of the Newton systems gave the step; without an approximation of A nothing is changed.
     """
-    v, at = step.v, scaled.linearize(step.v)
+    v, nodal = step.v, scaled.linearize(step.v)
     sigma = target / scaled.theta(v.nu, scaled.slack(v.x_n, v.y))
 
     def length(step: Step) -> float:
@@ -480,7 +480,7 @@ def correct_step(
         correction = newton.correction(-scaled.over_constraints(change, v.nu))
         if correction is None:
             break
-        trial = along_curve(v, at, _sum(step, correction, at))
+        trial = along_curve(v, nodal, _sum(step, correction, nodal))
         longer = length(trial)
         if longer < alpha + _GAIN * (ahead - alpha):
             break
@@ -488,9 +488,9 @@ def correct_step(
     return step
 
 
-def _sum(step: Step, correction: NewtonStep, at: Linearization) -> NewtonStep:
+def _sum(step: Step, correction: NewtonStep, nodal: Linearization) -> NewtonStep:
     """A step with a change of its direction, A dx to the accuracy of the approximation of A."""
-    dx_t = at.r[:, None] * step.dy + (at.slope * step.dx_n)[:, None] * step.v.y
+    dx_t = nodal.r[:, None] * step.dy + (nodal.slope * step.dx_n)[:, None] * step.v.y
     return NewtonStep(
         np.column_stack([step.dx_n, dx_t]) + correction.dx,
         step.dnu + correction.dnu,

@@ -72,8 +72,8 @@ class KPRGP(SolverSettings):
         goal, start = task.goal, task.start
         at = _Steps(self, qp, qp.completed(qp.project(np.zeros_like(qp.b) if start is None else start)), goal)
         status = drive(at, goal, at.history, self.max_iterations, task.progress, qp.residual(at.x, at.gradient))
-        found = Answer(at.x, at.gradient)
-        result = result_of(qp, goal, found, _multipliers(qp, at.x, at.gradient), status, at.history)
+        answer = Answer(at.x, at.gradient)
+        result = result_of(qp, goal, answer, _multipliers(qp, at.x, at.gradient), status, at.history)
         message = (
             f"KPRGP ended with a residual of {result.residual:.1e} after {len(at.history)} steps "
             f"({result.status.value}), {goal.missed(result.residual)}"

@@ -97,11 +97,11 @@ class NodalInverse:
     avoid cancellation as D22 -> 0.  D (m, 3) is positive, or 0 where C is regular, as in a zero row of A.
     """
 
-    def __init__(self, at: Linearization, D: FloatArray):
-        self._at, self._normal = at, D[:, :1]
-        self._pair = np.where(at.frictional[:, None], D[:, 1:] + at.h[:, None], 1.0)
-        self._S = at.D22[:, 1:] + np.sum(at.y**2 / self._pair, axis=1)[:, None]
-        self._drag, self._widen = (at.h * at.slope)[:, None] * at.y, (at.k * at.frictional)[:, None]
+    def __init__(self, nodal: Linearization, D: FloatArray):
+        self._at, self._normal = nodal, D[:, :1]
+        self._pair = np.where(nodal.frictional[:, None], D[:, 1:] + nodal.h[:, None], 1.0)
+        self._S = nodal.D22[:, 1:] + np.sum(nodal.y**2 / self._pair, axis=1)[:, None]
+        self._drag, self._widen = (nodal.h * nodal.slope)[:, None] * nodal.y, (nodal.k * nodal.frictional)[:, None]
 
     def __call__(self, r: FloatArray) -> FloatArray:
         """The inverse applied to r (m, 3, ...)."""
@@ -110,20 +110,20 @@ class NodalInverse:
 
     def uncoupled(self, r: FloatArray) -> FloatArray:
         """The inverse without the coupling of the pair to the normal unknown: symmetric."""
-        at, D22 = self._at, like(self._at.D22, r)
+        nodal, D22 = self._at, like(self._at.D22, r)
         z = np.empty_like(r)
         z[:, 0] = r[:, 0] * D22[:, 0] / (1.0 + like(self._normal, r)[:, 0] * D22[:, 0])
-        z[:, 1:] = disc_inverse(like(self._pair, r), like(at.y, r), D22[:, 1:], like(self._S, r), r[:, 1:])
-        z[~at.frictional, 1:] = 0.0
+        z[:, 1:] = disc_inverse(like(self._pair, r), like(nodal.y, r), D22[:, 1:], like(self._S, r), r[:, 1:])
+        z[~nodal.frictional, 1:] = 0.0
         return z
 
     def follow(self, dx_n: FloatArray) -> FloatArray:
         """Contribution of dx_n (m, 1, ...) to dx_t, shape (m, 3, ...)."""
-        at, pair, S = self._at, like(self._pair, dx_n), like(self._S, dx_n)
-        y, D22 = like(at.y, dx_n), like(at.D22, dx_n)
+        nodal, pair, S = self._at, like(self._pair, dx_n), like(self._S, dx_n)
+        y, D22 = like(nodal.y, dx_n), like(nodal.D22, dx_n)
         dx_t = disc_inverse(pair, y, D22[:, 1:], S, like(self._drag, dx_n) * dx_n)
         dx_t += y / pair * (like(self._widen, dx_n) * dx_n / S)
-        dx_t[~at.frictional] = 0.0
+        dx_t[~nodal.frictional] = 0.0
         return np.concatenate([np.zeros_like(dx_n), dx_t], axis=1)
 
 

@@ -267,21 +267,21 @@ class _SchurComplement(_Krylov):
     """J_SC with P_SC."""
 
     def solve(self, equations: NewtonEquations) -> NewtonStep:
-        at, r1, r2, weight, tolerance, cap, r3 = equations
-        self._at, self._weight = at, weight
-        rhs = r1 + at.J12(r2 / at.D22)
+        nodal, r1, r2, weight, tolerance, cap, r3 = equations
+        self._at, self._weight = nodal, weight
+        rhs = r1 + nodal.J12(r2 / nodal.D22)
         size = self._norm(weight * rhs)
         dx, A_dx, dalpha, iterations = self._solve(
-            NodalInverse(at, self._A.rest), rhs, np.zeros_like(rhs), size, tolerance, cap, r3
+            NodalInverse(nodal, self._A.rest), rhs, np.zeros_like(rhs), size, tolerance, cap, r3
         )
-        return NewtonStep(dx, at.multipliers(dx, r2), A_dx, iterations, dalpha)
+        return NewtonStep(dx, nodal.multipliers(dx, r2), A_dx, iterations, dalpha)
 
     def correction(self, r2: FloatArray) -> NewtonStep | None:
         if self._scaled.rigid.shape[1]:  # on soft springs A x and b nearly cancel: too much for an approximation of A
             return None
-        at = self._at
-        dx, dalpha = self._bordered(at.J12(r2 / at.D22), np.zeros(self._constraints.count))
-        return NewtonStep(dx, at.multipliers(dx, r2), self._A.mult(dx), 0, dalpha)
+        nodal = self._at
+        dx, dalpha = self._bordered(nodal.J12(r2 / nodal.D22), np.zeros(self._constraints.count))
+        return NewtonStep(dx, nodal.multipliers(dx, r2), self._A.mult(dx), 0, dalpha)
 
     def _operator(self, p: FloatArray, A_p: FloatArray) -> FloatArray:
         return A_p + self._at.schur(p)
@@ -291,13 +291,13 @@ class _Augmented(_Krylov):
     """J_AM with P_AM, without slope."""
 
     def solve(self, equations: NewtonEquations) -> NewtonStep:
-        self._at = at = equations.at
+        self._at = nodal = equations.at
         r1, r2 = equations.r1, equations.r2
-        self._D11 = self._A.rest + np.column_stack([np.zeros_like(at.h), at.h, at.h])
-        self._D11[~at.frictional, 1:] = 1.0
-        self._S22 = at.D22 + np.column_stack([1.0 / self._D11[:, 0], np.sum(at.y**2 / self._D11[:, 1:], axis=1)])
-        guess = np.hstack([np.zeros_like(r1), -r2 / at.D22])
-        size = self._norm(r1 - at.J12(guess[:, 3:]))
+        self._D11 = self._A.rest + np.column_stack([np.zeros_like(nodal.h), nodal.h, nodal.h])
+        self._D11[~nodal.frictional, 1:] = 1.0
+        self._S22 = nodal.D22 + np.column_stack([1.0 / self._D11[:, 0], np.sum(nodal.y**2 / self._D11[:, 1:], axis=1)])
+        guess = np.hstack([np.zeros_like(r1), -r2 / nodal.D22])
+        size = self._norm(r1 - nodal.J12(guess[:, 3:]))
         rhs = np.hstack([r1, r2])
         unknowns, A_dx, dalpha, iterations = self._solve(
             self._nodal_inverse, rhs, guess, size, equations.tolerance, equations.cap, equations.r3
@@ -305,18 +305,18 @@ class _Augmented(_Krylov):
         return NewtonStep(unknowns[:, :3], unknowns[:, 3:], A_dx, iterations, dalpha)
 
     def _operator(self, p: FloatArray, A_p: FloatArray) -> FloatArray:
-        at, dx, dnu = self._at, p[:, :3], p[:, 3:]
-        return np.hstack([A_p + at.C(dx) + at.J12(dnu), at.J21(dx) - at.D22 * dnu])
+        nodal, dx, dnu = self._at, p[:, :3], p[:, 3:]
+        return np.hstack([A_p + nodal.C(dx) + nodal.J12(dnu), nodal.J21(dx) - nodal.D22 * dnu])
 
     def _nodal_inverse(self, r: FloatArray) -> FloatArray:
         """P_AM^-1 on (m, 5, ...): a 2 x 2 block for the normal pair, a 3 x 3 one for the tangential triple."""
-        at, D, D22, S22 = self._at, like(self._D11, r), like(self._at.D22, r), like(self._S22, r)
+        nodal, D, D22, S22 = self._at, like(self._D11, r), like(self._at.D22, r), like(self._S22, r)
         r1, r2 = r[:, :3], r[:, 3:]
         z = np.empty_like(r)
-        z[:, 3:] = (at.J21(r1 / D) - r2) / S22
+        z[:, 3:] = (nodal.J21(r1 / D) - r2) / S22
         # dx = (r1 - J12 dnu) / D11 would cancel for an active constraint (D22 -> 0), and CG would stall: expanded
         z[:, 0] = (D22[:, 0] * r1[:, 0] - r2[:, 0]) / (D[:, 0] * S22[:, 0])
-        y = like(at.y, r)
+        y = like(nodal.y, r)
         z[:, 1:3] = disc_inverse(D[:, 1:], y, D22[:, 1:], S22[:, 1:], r1[:, 1:])
         z[:, 1:3] += y / D[:, 1:] * (r2[:, 1:] / S22[:, 1:])
         return z
@@ -345,16 +345,16 @@ class _Dense(NewtonSystem):
 
     def solve(self, equations: NewtonEquations) -> NewtonStep:
         """The step to rounding accuracy; weight, tolerance and cap are not used."""
-        at, r1, r2, r3 = equations.at, equations.r1, equations.r2, equations.r3
+        nodal, r1, r2, r3 = equations.at, equations.r1, equations.r2, equations.r3
         if self._sloped:  # J_AM is as accurate, and takes three times as long (block, p = 10, F = 0.3)
-            rhs = r1 + at.J12(r2 / at.D22)
-            rhs[~at.frictional, 1:] = 0.0
-            J = self._bordered(schur_matrix(self._A, at))
+            rhs = r1 + nodal.J12(r2 / nodal.D22)
+            rhs[~nodal.frictional, 1:] = 0.0
+            J = self._bordered(schur_matrix(self._A, nodal))
             rows = 1.0 / np.abs(J).max(axis=1)
             columns = 1.0 / np.abs(rows[:, None] * J).max(axis=0)
         else:
             rhs = np.concatenate([r1.ravel(), r2.ravel()])
-            J = self._bordered(augmented_matrix(self._A, at))
+            J = self._bordered(augmented_matrix(self._A, nodal))
             rows, columns = (1.0 / np.sqrt(np.abs(np.diag(J)) + 1e-3 * np.abs(J).max(axis=axis)) for axis in (1, 0))
         with warnings.catch_warnings():  # a singular matrix gives a step that is not finite, which ends the start
             warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)
@@ -362,7 +362,7 @@ class _Dense(NewtonSystem):
         solution = columns * scipy.linalg.lu_solve(factors, rows * np.concatenate([rhs.ravel(), r3]))
         dx, dnu, dalpha = np.split(solution, [r1.size, rhs.size])
         dx = dx.reshape(r1.shape)
-        dnu = at.multipliers(dx, r2) if self._sloped else dnu.reshape(r2.shape)
+        dnu = nodal.multipliers(dx, r2) if self._sloped else dnu.reshape(r2.shape)
         return NewtonStep(dx, dnu, (self._A @ dx.ravel()).reshape(dx.shape), 0, dalpha)
 
     def _bordered(self, M: FloatArray) -> FloatArray:
@@ -377,34 +377,34 @@ class _Dense(NewtonSystem):
         return bordered
 
 
-def schur_matrix(A: FloatArray, at: Linearization) -> FloatArray:
+def schur_matrix(A: FloatArray, nodal: Linearization) -> FloatArray:
     """J_SC = A + C + J12 D22^-1 J21 with this A, shape (3 m, 3 m); the identity for pairs without friction."""
-    M, n = A.copy(), 3 * np.arange(len(at.h))
-    dropped = (n[~at.frictional][:, None] + np.array([1, 2])).ravel()
+    M, n = A.copy(), 3 * np.arange(len(nodal.h))
+    dropped = (n[~nodal.frictional][:, None] + np.array([1, 2])).ravel()
     M[dropped], M[:, dropped] = 0.0, 0.0
-    blocks = np.stack([at.schur(np.tile(e, (len(n), 1))) for e in np.eye(3)], axis=2)
-    blocks[~at.frictional, 1:, 1:] = np.eye(2)
+    blocks = np.stack([nodal.schur(np.tile(e, (len(n), 1))) for e in np.eye(3)], axis=2)
+    blocks[~nodal.frictional, 1:, 1:] = np.eye(2)
     M[n[:, None, None] + np.arange(3)[:, None], n[:, None, None] + np.arange(3)] += blocks
     return M
 
 
-def augmented_matrix(A: FloatArray, at: Linearization) -> FloatArray:
+def augmented_matrix(A: FloatArray, nodal: Linearization) -> FloatArray:
     """J_AM = [J11 J12; J21 -D22] with this A, shape (5 m, 5 m); with diag(A) in its place, P_AM.
 
     The tangential pair of a node without friction is replaced by the identity.
     """
-    m = len(at.h)
+    m = len(nodal.h)
     J = np.zeros((5 * m, 5 * m))
     J[: 3 * m, : 3 * m] = A
     n, bound = 3 * np.arange(m), 3 * m + 2 * np.arange(m)
     t, disc = n[:, None] + np.array([1, 2]), bound + 1
-    J[t, t] += at.h[:, None]
-    J[t, n[:, None]] -= (at.h * at.slope)[:, None] * at.y
+    J[t, t] += nodal.h[:, None]
+    J[t, n[:, None]] -= (nodal.h * nodal.slope)[:, None] * nodal.y
     J[n, bound] = J[bound, n] = -1.0
-    J[t, disc[:, None]] = J[disc[:, None], t] = at.y
-    J[disc, n] = -at.k
-    dropped = np.concatenate([t[~at.frictional].ravel(), disc[~at.frictional]])
+    J[t, disc[:, None]] = J[disc[:, None], t] = nodal.y
+    J[disc, n] = -nodal.k
+    dropped = np.concatenate([t[~nodal.frictional].ravel(), disc[~nodal.frictional]])
     J[dropped], J[:, dropped] = 0.0, 0.0
     J[dropped, dropped] = 1.0
-    J[bound, bound], J[disc, disc] = -at.D22[:, 0], -at.D22[:, 1]
+    J[bound, bound], J[disc, disc] = -nodal.D22[:, 0], -nodal.D22[:, 1]
     return J

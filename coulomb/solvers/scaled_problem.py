@@ -105,12 +105,12 @@ class ScaledCompliance:
         scaled.keep(root * learnt.X / W, W * learnt.U / root, learnt.part)
         return scaled
 
-    def keep(self, found: RecycledColumns, prepared: object | None = None) -> None:
+    def keep(self, columns: RecycledColumns, prepared: object | None = None) -> None:
         """Keep the columns found by a Newton system, scaled, for problems to come; and what was `prepared` of them, in
         the variables of this problem."""
-        if found.X is not None and found.U is not None:
+        if columns.X is not None and columns.U is not None:
             root, W = np.sqrt(self.a), self.W.reshape(-1, 1)
-            self.A.learnt.keep(W * found.X / root, root * found.U / W, found.part, prepared)
+            self.A.learnt.keep(W * columns.X / root, root * columns.U / W, columns.part, prepared)
 
     def image(self, displacement: FloatArray) -> FloatArray:
         """Displacements A x in metres (3 m,), as A~ x~."""

@@ -92,9 +92,9 @@ class ContactScales:
 
     def largest(self, sizes: FloatArray) -> FloatArray:
         """Largest of the sizes (m,) on every body, 0 without any, shape (bodies,)."""
-        found = np.zeros(self.bodies)
-        np.maximum.at(found, self.body, sizes)
-        return self.over.largest(found)
+        largest = np.zeros(self.bodies)
+        np.maximum.at(largest, self.body, sizes)
+        return self.over.largest(largest)
 
     def norms(self, vectors: FloatArray) -> FloatArray:
         """Norm of vectors (m, 3) on every body, shape (bodies,)."""

@@ -187,13 +187,13 @@ class SemismoothIteration:
 
     def _best(self, starts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The start with the smallest residual: x, A x, alpha; collective."""
-        found: list[tuple[float, FloatArray, FloatArray]] = []
+        candidates: list[tuple[float, FloatArray, FloatArray]] = []
         for forces in starts:
             x = forces.reshape(-1, 3).copy()
             x[~self._problem.frictional, 1:] = 0.0
             A_x = self._scaled.mult(x, self._settings.product)
-            found.append((self._residual(x, A_x, self._closing(x, A_x)), x, A_x))
-        _, x, A_x = min(found, key=lambda one: one[0] if one[0] == one[0] else math.inf)
+            candidates.append((self._residual(x, A_x, self._closing(x, A_x)), x, A_x))
+        _, x, A_x = min(candidates, key=lambda one: one[0] if one[0] == one[0] else math.inf)
         if not self._problem.A.exact:
             A_x = self._images.first(x, self._settings.product)
         return x, A_x, self._closing(x, A_x)
@@ -232,11 +232,11 @@ class SemismoothIteration:
 
     def _begin(self) -> float:
         """To the start; its residual if it may be the answer, else inf."""
-        found = self._residual(self._x, self._A_x, self._alpha)
-        self._left = self._sharp(found, self._finer)
+        residual = self._residual(self._x, self._A_x, self._alpha)
+        self._left = self._sharp(residual, self._finer)
         self._at = self._equations.at(self._x, self._w(self._A_x, self._alpha))
         self._fallen, self._since = self._of_bodies(self._x, self._A_x, self._alpha), 0
-        may_be = found <= self._finer * self._goal.residual and self._settings.settled == math.inf
+        may_be = residual <= self._finer * self._goal.residual and self._settings.settled == math.inf
         return self._left if may_be else math.inf
 
     def _sharp(self, residual: float, part: float = 1.0) -> float:
@@ -275,22 +275,22 @@ class SemismoothIteration:
         return Status.STAGNATED if stalled else None
 
     def _direction(
-        self, at: ContactDerivative, x: FloatArray, A_x: FloatArray, alpha: FloatArray, residual: float
+        self, derivative: ContactDerivative, x: FloatArray, A_x: FloatArray, alpha: FloatArray, residual: float
     ) -> tuple[FloatArray, FloatArray, FloatArray, int]:
         """The step: dx, A dx, dalpha, and its Krylov iterations."""
         settings, over = self._settings, self._over
         scale = self._problem.force_scale(x.ravel(), self._a * self._w(A_x, alpha).ravel())
         self._rows = (1.0 / np.where(scale > 1e-290, scale, 1.0))[:, None]
-        self._inverse.move(at)
-        self._bordered = ConstraintPreconditioner(self._inverse, self._constraints, 3, at.Q @ self._scaled.G)
+        self._inverse.move(derivative)
+        self._bordered = ConstraintPreconditioner(self._inverse, self._constraints, 3, derivative.Q @ self._scaled.G)
         r3 = NO_MOTION if not len(self._e) else self._e - self._constraints.resultant(x)
-        size = math.hypot(over.norm(self._rows * at.value), float(np.linalg.norm(r3)))
+        size = math.hypot(over.norm(self._rows * derivative.value), float(np.linalg.norm(r3)))
         share = min(settings.forcing, max(residual, settings.sharpest))
         enough = max(share * size, 0.1 * min(self._goal.residual, residual))
         if settings.settled < math.inf:  # forces that the residual hardly feels are a small part of it
             enough = settings.sharpest * size
         self._accuracy = min(max(enough / size, settings.product), settings.forcing) if size > 0.0 else settings.forcing
-        dx, moved, dalpha, iterations = self._krylov.solve(-self._rows * at.value, np.zeros_like(x), enough, r3)
+        dx, moved, dalpha, iterations = self._krylov.solve(-self._rows * derivative.value, np.zeros_like(x), enough, r3)
         if self._A is not None and (iterations >= self._updated_from or self._A.U.shape[1] == 0):
             self._A.update()
             self._inverse = ContactPreconditioner(self._scaled.comm, self._A)

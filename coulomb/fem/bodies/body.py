@@ -142,9 +142,9 @@ class ElasticBody(DisplacementSpace):
     def _in_mean_cells(self, values: FloatArray) -> Any:
         """Function of numbers of the cells with a mean dilatation, 0 in others."""
         assert self._mean is not None
-        found = np.zeros(self.domain.topology.index_map(3).size_local)
-        found[self._mean.cells] = values
-        return self._on_cells(found, "mean")
+        in_cells = np.zeros(self.domain.topology.index_map(3).size_local)
+        in_cells[self._mean.cells] = values
+        return self._on_cells(in_cells, "mean")
 
     def thermal_force(self, change: FloatArray) -> FloatArray:
         """Nodal forces in newtons, shape (k, 3), that cause the thermal strain of a change of temperature (k,) in
@@ -208,9 +208,9 @@ class ElasticBody(DisplacementSpace):
         stress has it, nan of others, shape (c,); None if there are none on any rank."""
         if self._mean is None:
             return None
-        found = np.full(len(compat.cell_dofs(self.V)), np.nan)
-        found[self._mean.cells] = self._mean.of(u) / self._mean.volume
-        return found[: self.domain.topology.index_map(3).size_local]
+        dilatation = np.full(len(compat.cell_dofs(self.V)), np.nan)
+        dilatation[self._mean.cells] = self._mean.of(u) / self._mean.volume
+        return dilatation[: self.domain.topology.index_map(3).size_local]
 
     @property
     def has_mean_dilatation(self) -> bool:

@@ -23,11 +23,11 @@ def along_coefficient(forms: Sequence[Any], coefficient: Any, W: Any) -> FloatAr
     """
     comm = W.mesh.comm
     if isinstance(coefficient, fem.Function):
-        within = [one for one in forms if any(of is coefficient for of in one.coefficients())]
+        within = [form for form in forms if any(of is coefficient for of in form.coefficients())]
         test = ufl.TestFunction(coefficient.function_space)
         parts = [part for one in within for part in compiled(ufl.derivative(one, coefficient, test), _WHAT, comm).parts]
         return np.sum([_assembled(part) for part in parts], axis=0) if parts else None
-    within = [one for one in forms if any(of is coefficient for of in one.constants())]
+    within = [form for form in forms if any(of is coefficient for of in form.constants())]
     if not within:
         return None
     value = np.asarray(coefficient.value)

@@ -122,7 +122,7 @@ def with_own_degrees(form: Any) -> Any:
     data = ufl.algorithms.compute_form_data(form, **{f"do_apply_{step}": True for step in steps}, **kept)
     degrees: dict[str, Any] = {}
     for of_kind in data.integral_data:
-        estimated = [one.metadata()["estimated_polynomial_degree"] for one in of_kind.integrals]
+        estimated = [integral.metadata()["estimated_polynomial_degree"] for integral in of_kind.integrals]
         degrees[of_kind.integral_type] = np.max([degrees.get(of_kind.integral_type, 0), *map(np.max, estimated)])
     return ufl.Form(
         [

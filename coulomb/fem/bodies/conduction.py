@@ -158,9 +158,9 @@ class Conduction:
 
     def prescribed(self, factors: FloatArray) -> FloatArray:
         """Prescribed changes of temperature in kelvin, 0 at other nodes, shape (k,)."""
-        found, here = np.zeros(len(self.bodies.x)), self.fixed
-        found[here] = (factors[:, None] * self._nodal)[self.fixed_by[here], np.flatnonzero(here)]
-        return found
+        temperature, here = np.zeros(len(self.bodies.x)), self.fixed
+        temperature[here] = (factors[:, None] * self._nodal)[self.fixed_by[here], np.flatnonzero(here)]
+        return temperature
 
     def heat(self, factors: FloatArray) -> FloatArray:
         """Heat of every load at this rank's nodes in watts, shape (loads, k); of films that from beyond alone."""

@@ -14,9 +14,9 @@ from .reduction import LONGEST_CHAIN
 
 def _with_followers(constraints: Constraints, owed: FloatArray) -> FloatArray:
     """What a function owes to displacements (k, 3), with what it owes to those of nodes that follow them."""
-    found, whole = constraints.reduction, owed
+    reduction, whole = constraints.reduction, owed
     for _ in range(LONGEST_CHAIN):
-        whole = owed + at_nodes_of(found.W, found.followed(whole))
+        whole = owed + at_nodes_of(reduction.W, reduction.followed(whole))
     return whole
 
 
@@ -26,13 +26,13 @@ def owed_before(constraints: Constraints, time: float, start: float, owed: Float
     shapes (k, 3); collective."""
     if not constraints.ties:
         return np.zeros_like(owed)
-    found, whole = constraints.reduction, _with_followers(constraints, owed)
-    along, apart = found.moved_transposed(whole), np.zeros_like(owed)
-    kept, then = np.zeros(found.width), constraints.before_step.reduction
+    reduction, whole = constraints.reduction, _with_followers(constraints, owed)
+    along, apart = reduction.moved_transposed(whole), np.zeros_like(owed)
+    kept, then = np.zeros(reduction.width), constraints.before_step.reduction
     for (bolt, own), locked in zip(constraints.of_bolts, constraints.locked, strict=True):
         kept[own] = along[own] if locked and bolt.given.force is not None else 0.0
     for one, tie in constraints.begun:
-        apart[tie.nodes] += share_left(one, start, time) * found.followed(whole)[tie.nodes]
+        apart[tie.nodes] += share_left(one, start, time) * reduction.followed(whole)[tie.nodes]
     return then.on_followed(then.followed(apart + then.amounts_transposed(kept)))
 
 
@@ -42,17 +42,17 @@ def owed_to_motions(
     """What a function owes to the six prescribed components of every rigid face, per metre and radian, and to the force
     of every bolt, or its prescribed shortening, by their faces, from what it owes to prescribed displacements and to
     forces, shapes (k, 3); 0 where nothing is prescribed; collective."""
-    found = constraints.reduction
-    whole = found.followed(_with_followers(constraints, owed)) if constraints.ties else owed
+    reduction = constraints.reduction
+    whole = reduction.followed(_with_followers(constraints, owed)) if constraints.ties else owed
     motions = {
-        one.given.face: np.where(
-            one.given.prescribed,
-            found.comm.allreduce(np.einsum("mcp,mc->p", one.of_components(found.x), whole[one.nodes])),
+        motion.given.face: np.where(
+            motion.given.prescribed,
+            reduction.comm.allreduce(np.einsum("mcp,mc->p", motion.of_components(reduction.x), whole[motion.nodes])),
             0.0,
         )
-        for one in constraints.motions
+        for motion in constraints.motions
     }
-    lengths, forces = found.moved_transposed(whole), found.amounts(found.apart(v))
+    lengths, forces = reduction.moved_transposed(whole), reduction.amounts(reduction.apart(v))
     bolts = {
         bolt.face: float(lengths[own] if bolt.given.force is None else 0.0 if locked else forces[own])
         for (bolt, own), locked in zip(constraints.of_bolts, constraints.locked, strict=True)

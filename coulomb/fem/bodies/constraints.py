@@ -266,7 +266,7 @@ def prescribed_rows(count: int, supports: Sequence[tuple[npt.NDArray[np.integer[
     `count`, and orthonormal rows or zeros (q, 3, 3)."""
     nodes: IntArray = np.unique(np.concatenate([np.empty(0, np.int64), *(given for given, _ in supports)]))
     H = np.zeros((len(nodes), 3, 3))
-    found: list[tuple[IntArray, IntArray, FloatArray]] = []
+    rows_of: list[tuple[IntArray, IntArray, FloatArray]] = []
     for number, (given, directions) in reversed(list(enumerate(supports))):
         place = np.searchsorted(nodes, given)
         rows, added = _independent(directions, H[place])
@@ -274,10 +274,10 @@ def prescribed_rows(count: int, supports: Sequence[tuple[npt.NDArray[np.integer[
         full = np.round(np.trace(H[place], axis1=1, axis2=2)) >= 3.0
         H[place[full]] = np.eye(3)
         at, which = np.nonzero(np.any(rows != 0.0, axis=2))
-        found.append((place[at], np.full(len(at), number), rows[at, which]))
+        rows_of.append((place[at], np.full(len(at), number), rows[at, which]))
     place, support, direction = (
         np.concatenate(parts)
-        for parts in zip((np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 3))), *found, strict=True)
+        for parts in zip((np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 3))), *rows_of, strict=True)
     )
     held = HeldDirections(count, nodes, H)
     return PrescribedRows(held, nodes[place], support, direction, _duals(place, direction, len(nodes)))

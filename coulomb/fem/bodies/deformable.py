@@ -163,10 +163,10 @@ class Deformable(ReducedBodies):
     def after_transposed(self, time: float, start: float, owed: FloatArray) -> FloatArray:
         """What a function owes to the displacements after a load step that ended at `start`, per metre, from what it
         owes to those that are prescribed at a time (`after`), ties included; shapes (k, 3); collective."""
-        of_nodes, found = self.reduction.transferred(owed), owed_before(self.constraints, time, start, owed)
+        of_nodes, before = self.reduction.transferred(owed), owed_before(self.constraints, time, start, owed)
         for one in self.members:
-            found[one.nodes] += one.body.left_transposed(time, start, of_nodes[one.nodes])
-        return found
+            before[one.nodes] += one.body.left_transposed(time, start, of_nodes[one.nodes])
+        return before
 
     def left_transposed(self, time: float, start: float, owed: FloatArray) -> FloatArray:
         """As `after_transposed`, by supports that have begun, from what a function owes to what supports prescribe."""
@@ -228,7 +228,7 @@ class Deformable(ReducedBodies):
     def let_go_of_matrix(self) -> None:
         """Free K, where it can be assembled as it is if it is asked for again: not of user's forms, the coefficients of
         which may change, nor of bodies that move on; collective."""
-        if self.forms() is None and not any(one.body.large for one in self.members):
+        if self.forms() is None and not any(member.body.large for member in self.members):
             self.reduced.let_go()
 
     def f(self, loading: Loading) -> PETSc.Vec:

@@ -177,17 +177,17 @@ class DisplacementSpace:
         exchange = Exchange(self.comm, owner_of(starts_of(self.comm, self.numbering.local), numbers))
         of_all = np.zeros((self._owned, 2, 3, 3))
         np.add.at(of_all, exchange.send(numbers) - self.numbering.first, exchange.send(sums))
-        found: FloatArray = np.linalg.solve(of_all[:, 0], of_all[:, 1].transpose(0, 2, 1)).transpose(0, 2, 1)
-        return found
+        F: FloatArray = np.linalg.solve(of_all[:, 0], of_all[:, 1].transpose(0, 2, 1)).transpose(0, 2, 1)
+        return F
 
     def in_a_cell(self) -> FloatArray:
         """The middle of a cell that each of this rank's nodes belongs to, the mean of its nodes, metres, shape (k, 3):
         by it nodes at one place are told apart."""
         nodes = compat.cell_dofs(self.V)
         middle = self.points_of_cells(np.arange(len(nodes), dtype=np.int32)).mean(axis=1)
-        found, mine = np.empty((self._owned, 3)), nodes < self._owned
-        found[nodes[mine]] = np.repeat(middle, np.sum(mine, axis=1), axis=0)
-        return found
+        points, mine = np.empty((self._owned, 3)), nodes < self._owned
+        points[nodes[mine]] = np.repeat(middle, np.sum(mine, axis=1), axis=0)
+        return points
 
     def area_of(self, facets: Int32Array) -> FloatArray:
         """Integral of every hat function over boundary facets in m^2, this rank's nodes, shape (k,); collective."""

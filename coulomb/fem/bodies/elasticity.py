@@ -91,7 +91,7 @@ class LoadedBody(ElasticBody, HeldNodes):
         self._given = [self._supported_nodes(support) for support in self.supports]
         self._hold(self._acting(-np.inf))
         self.springs, self._sprung_by = tuple(springs), fem.Function(self.V)
-        self._by_place = {id(one): self._at_nodes(one) for one in springs if of_place(one.stiffness)}
+        self._by_place = {id(spring): self._at_nodes(spring) for spring in springs if of_place(spring.stiffness)}
         self._spring_forms = [
             None if spring.at_nodes else fem.form(self.spring_form(spring, self._sprung_by)) for spring in springs
         ]
@@ -136,14 +136,14 @@ class LoadedBody(ElasticBody, HeldNodes):
         return self._shares(before.time, time) * (along - self.prescribed_values(before.time))
 
     def left_transposed(self, time: float, start: float, owed: FloatArray) -> FloatArray:
-        rows, found = self._rows, np.zeros_like(owed)
+        rows, transposed = self._rows, np.zeros_like(owed)
         values = self._shares(start, time) * np.einsum("ri,ri->r", rows.dual, owed[rows.node])
-        np.add.at(found, rows.node, values[:, None] * rows.direction)
-        return found
+        np.add.at(transposed, rows.node, values[:, None] * rows.direction)
+        return transposed
 
     def _shares(self, then: float, time: float) -> FloatArray:
         """`share_left` of the support of each held direction."""
-        shares = [0.0 if one.begin is None else share_left(one, then, time) for one in self.supports]
+        shares = [0.0 if support.begin is None else share_left(support, then, time) for support in self.supports]
         return np.array(shares)[self._rows.support]
 
     # --- supports that begin and end ------------------------------------------------------------------------------
@@ -189,9 +189,9 @@ class LoadedBody(ElasticBody, HeldNodes):
             yield NodalForces(load.kind.replace(" ", "_"), load.face, applied.at(time, self.mesh.comm))
 
     def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
-        found = None if loading.temperature is None else loading.temperature.nodal_force
+        nodal_force = None if loading.temperature is None else loading.temperature.nodal_force
         for part in self.loads_at(loading.time):
-            yield part if found is None or part.kind != ThermalLoad.kind else replace(part, forces=found)
+            yield part if nodal_force is None or part.kind != ThermalLoad.kind else replace(part, forces=nodal_force)
 
     def heated(self, loading: Loading, change: FloatArray) -> Loading:
         assert loading.temperature is not None
@@ -218,23 +218,23 @@ class LoadedBody(ElasticBody, HeldNodes):
         if spring.face not in self.mesh.node_sets:
             known = ", ".join(self.mesh.node_sets) or "none"
             raise ValueError(f"spring: there is no set of nodes {spring.face!r} (there are {known})")
-        found = np.zeros((self._owned, 3))
+        stiffness = np.zeros((self._owned, 3))
         nodes = self.nodes_at(self.mesh.node_sets[spring.face])
-        found[nodes] = self.mesh.shares_at(self.x[nodes])[:, None] * spring.along_axes
-        return found
+        stiffness[nodes] = self.mesh.shares_at(self.x[nodes])[:, None] * spring.along_axes
+        return stiffness
 
     def force_along_places(self, loading: Loading, u: FloatArray, v: FloatArray) -> FloatArray:
         change = None if loading.temperature is None else loading.temperature.change
-        found = -self.work_along_places(u, v, change)
+        force = -self.work_along_places(u, v, change)
         for one in self.loads:
             shape = load_along_places(one.load, self, self.mesh, v)
-            found += AppliedLoad(one.load, shape).at(loading.time, self.comm)
+            force += AppliedLoad(one.load, shape).at(loading.time, self.comm)
         on_faces, of, along = (one for one in self.springs if not one.at_nodes), self.function(u), self.function(v)
         for spring in on_faces:
             stiffness = self.spring_stiffness(spring)
             work = -sum(stiffness[k] * of[k] * along[k] for k in range(3))
-            found += self.along_places(work, self.measure(self.mesh.facets(spring.face, "spring")))
-        return found
+            force += self.along_places(work, self.measure(self.mesh.facets(spring.face, "spring")))
+        return force
 
     def _temperature_at(self, time: float) -> Temperature | None:
         if self.thermal is None:
@@ -259,7 +259,7 @@ class LoadedBody(ElasticBody, HeldNodes):
             here = self._rows.support == number
             values = one.displacement[np.searchsorted(one.nodes, self._rows.node[here])]
             self._values[here] = np.einsum("ri,ri->r", self._rows.direction[here], values)
-        begun = np.array([False, *(one.begin is not None for one in self.supports)])[1 + self._rows.support]
+        begun = np.array([False, *(support.begin is not None for support in self.supports)])[1 + self._rows.support]
         self.still = self._rows.along((self._values == 0.0) & ~begun)
         self.contradictions = contradictions(given, self._rows, self._values, self.x, self.mesh.comm)
 
@@ -316,8 +316,8 @@ class LoadedBody(ElasticBody, HeldNodes):
 
     def support_entries(self) -> list[dict[str, Any]]:
         supports = [
-            {"kind": one.kind, "face": one.face, "holds": one.holds, **amplitude_entry(one.amplitude)}
-            for one in self.supports
+            {"kind": support.kind, "face": support.face, "holds": support.holds, **amplitude_entry(support.amplitude)}
+            for support in self.supports
         ]
         return supports + [{"kind": "spring", "face": spring.face, "holds": spring.holds} for spring in self.springs]
 
@@ -350,20 +350,20 @@ def largest_poisson(materials: Materials) -> float:
 def locking_by_volume(bodies: Deformable) -> list[str]:
     """Warnings of first-order bodies of a material, or forms, near incompressibility without mean dilatations;
     collective."""
-    found = []
+    remarks = []
     for member in bodies.members:
         if member.body.materials is None and member.body.locks:
-            found.append(f"forms{f' of body {member.name!r}' if member.name else ''}: {member.body.locks}")
+            remarks.append(f"forms{f' of body {member.name!r}' if member.name else ''}: {member.body.locks}")
         highest = 0.0 if member.body.materials is None else largest_poisson(member.body.materials)
         if highest > LOCKING_ABOVE and member.body.degree == 1 and not member.body.has_mean_dilatation:
             of, table = (f" of body {member.name!r}", "[[body]]") if member.name else ("", "[mesh]")
-            found.append(
+            remarks.append(
                 f"material{of}: poisson = {highest:.7g} is near 0.5: above {LOCKING_ABOVE:g} the first-order elements "
                 "lock and give an answer that is far too stiff, although the discrete problem is certified; "
                 f"second-order ones do not (degree = 2 in {table}, in Python coulomb.second_order(mesh)), nor do "
                 "isotropic hexahedra"
             )
-    return found
+    return remarks
 
 
 # The stiffness matrix on one rank, from the cells' matrices of FFCx's kernel, without PETSc's insertion of entries.

@@ -198,9 +198,9 @@ class ReducedBodies(HeldNodes, ABC):
             component, names = self.moving_together
             modes, _ = component_modes(self.x, component, self.comm)
             forces = self.reduction.prevented(modes) + self.resisted(modes)
-            found = free_motions(self.x, component, names, forces, self.comm)
+            motions = free_motions(self.x, component, names, forces, self.comm)
             of_bodies = self.component, self.component_names, self.resisted
-            self._made.free = self.constraints.opened(found, *of_bodies)
+            self._made.free = self.constraints.opened(motions, *of_bodies)
         return self._made.free
 
     @property
@@ -280,7 +280,7 @@ def eliminated(bodies: ReducedBodies) -> Reduced:
             resisted by no more than rounding errors.
     """
     comm = bodies.comm
-    free = [3 * len(one.body.x) - one.body.held.number for one in bodies.members]
+    free = [3 * len(member.body.x) - member.body.held.number for member in bodies.members]
     if not np.any(comm.allreduce(np.array(free))):
         raise ValueError("the supports hold every node: there is nothing to compute; use a finer mesh")
     K = bodies.assembled()

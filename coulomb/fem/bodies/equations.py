@@ -176,12 +176,12 @@ def _coefficients(
     for number, one in enumerate(given):
         places = [nodes.of(where, one.what) for where, _, _ in one.terms]
         count = len(places[0])
-        for (where, component, coefficient), found in zip(one.terms, places, strict=True):
-            if len(found) not in (1, count):
+        for (where, component, coefficient), dofs in zip(one.terms, places, strict=True):
+            if len(dofs) not in (1, count):
                 raise ValueError(
-                    f"{one.what}: {where!r} has {len(found)} nodes, the first term {count}: give one, or as many"
+                    f"{one.what}: {where!r} has {len(dofs)} nodes, the first term {count}: give one, or as many"
                 )
-            columns.append(3 * np.broadcast_to(found, count) + _AXES.index(component))
+            columns.append(3 * np.broadcast_to(dofs, count) + _AXES.index(component))
             rows.append(first + np.arange(count))
             values.append(np.full(count, float(coefficient)))
         slave.append(3 * places[0] + _AXES.index(one.terms[0][1]))
@@ -325,7 +325,7 @@ class _Nodes:
         return np.array([self._at(place, what) for place in where], dtype=np.int64)
 
     def _member(self, name: str, what: str) -> Member:
-        members = {one.name: one for one in self._body.members}
+        members = {member.name: member for member in self._body.members}
         if name not in members:
             listed = ", ".join(filter(None, members))
             said = f"give nodes with their body ({listed})" if listed else "there is one body, without a name"
@@ -341,11 +341,11 @@ class _Nodes:
             numbers, nodes = self._gathered(member, np.arange(len(member.body.domain.geometry.x)))
             each, starts = np.unique(numbers, return_index=True)
             self._numbers[name] = dict(zip(as_list(each), np.split(nodes, starts[1:]), strict=True))
-        found = self._numbers[name].get(int(text)) if text.isdigit() else None
-        if found is None:
+        node = self._numbers[name].get(int(text)) if text.isdigit() else None
+        if node is None:
             raise ValueError(f"{what}: no node of a cell has the number {given!r}")
-        self._names.update(dict.fromkeys(as_list(found), str(given)))
-        return found
+        self._names.update(dict.fromkeys(as_list(node), str(given)))
+        return node
 
     def _at(self, place: Any, what: str) -> int:
         body, comm = self._body, self._body.comm
@@ -353,10 +353,10 @@ class _Nodes:
         ends = np.array([body.reference.min(axis=0, initial=np.inf), -body.reference.max(axis=0, initial=-np.inf)])
         near = SAME_PLACE * float(np.linalg.norm(np.min(comm.allgather(ends), axis=0).sum(axis=0)))
         own = tree_of(body.reference).query_ball_point(x, near) if len(body.x) else []
-        found = np.concatenate(comm.allgather(body.numbering.first + np.array(own, dtype=np.int64)))
-        if len(found) != 1:
-            raise ValueError(f"{what}: {len(found) or 'no'} nodes are at x = {in_words(x)}; an equation needs one")
-        return int(found[0])
+        nodes = np.concatenate(comm.allgather(body.numbering.first + np.array(own, dtype=np.int64)))
+        if len(nodes) != 1:
+            raise ValueError(f"{what}: {len(nodes) or 'no'} nodes are at x = {in_words(x)}; an equation needs one")
+        return int(nodes[0])
 
     def _gathered(self, member: Member, points: npt.NDArray[np.integer[Any]]) -> tuple[IntArray, IntArray]:
         """Of points of a mesh's geometry on all ranks the numbers in the file, ascending, and the nodes, those of one

@@ -117,8 +117,8 @@ class FiniteMotion(FaceMotion):
     def moment_rates(self, forces: FloatArray, wrenches: Sequence[Wrench], comm: MPI.Comm) -> FloatArray:
         """dM/dtheta of `bent`, newton metres, shape (3, 3); arguments as there; collective."""
         P = comm.allreduce(self.arms.T @ forces[self.nodes])
-        P -= sum((np.outer(one.point - self.place, one.force) for one in wrenches), np.zeros((3, 3)))
-        moment = sum((one.moment for one in wrenches), np.zeros(3))
+        P -= sum((np.outer(wrench.point - self.place, wrench.force) for wrench in wrenches), np.zeros((3, 3)))
+        moment = sum((wrench.moment for wrench in wrenches), np.zeros(3))
 
         def moments(theta: FloatArray) -> FloatArray:
             A = rotation_matrix(theta) @ P
@@ -163,8 +163,8 @@ def turned_tie(tie: Tie, x: FloatArray, apart: FloatArray, tied: FloatArray, com
     sums = comm.allreduce(np.array([*section.arms.sum(axis=0), *followed.sum(axis=0), len(rim)]))
     a, b = section.arms - sums[:3] / sums[6], followed - sums[3:6] / sums[6]
     size = comm.allreduce(np.sum(a * b) * np.eye(3) - a.T @ b)  # of sum(a x db) = size dtheta
-    at = (3 * rim[:, None] + np.arange(3)).ravel()
-    levers = scipy.sparse.csr_matrix(np.moveaxis(_crossing(a), 0, 1).reshape(3, -1)) @ tie.rows[at]
+    dofs = (3 * rim[:, None] + np.arange(3)).ravel()
+    levers = scipy.sparse.csr_matrix(np.moveaxis(_crossing(a), 0, 1).reshape(3, -1)) @ tie.rows[dofs]
     turning = scipy.sparse.csr_matrix(np.linalg.inv(size)) @ sum(comm.allgather(levers))
     across = -section.shortening * (tied @ _crossing(section.direction)).reshape(-1, 3)
     return replace(tie, own=own, bolt=section, rows=(tie.rows + scipy.sparse.csr_matrix(across) @ turning).tocsr())

@@ -63,7 +63,7 @@ class BilinearForm:
         """Which of these values make a vanish or are not finite, for the end of a message; collective."""
         comm = self._u.function_space.mesh.comm
         names = [f"the function {function.name!r}" for function in self.compiled.functions]
-        sizes = [float(np.max(np.abs(one), initial=0.0)) for one in values.functions]
+        sizes = [float(np.max(np.abs(function), initial=0.0)) for function in values.functions]
         sizes = [float(np.max(comm.allgather(size))) for size in sizes]  # nan is the largest
         names += ["a constant"] * len(values.constants)
         sizes += map(float, np.abs(values.constants))

@@ -64,7 +64,7 @@ def _refuse_rank(form: Any, rank: int, what: str) -> None:
             ) from None
         if any(argument.part() is not None for argument in arguments):
             raise ValueError(f"Body: {what} is on a MixedFunctionSpace; {_ONE_SPACE}")
-        found = len(arguments)
+        has_rank = len(arguments)
         if len(form.ufl_domains()) > 1:
             raise ValueError(f"Body: {what} is on {len(form.ufl_domains())} meshes; a body has one mesh")
         if len({len(ufl.algorithms.extract_arguments(one.integrand())) for one in form.integrals()}) > 1:
@@ -73,7 +73,7 @@ def _refuse_rank(form: Any, rank: int, what: str) -> None:
                 "ufl.rhs(F), ...), or in large motions, where u is a Function, residual=F"
             )
     elif compat.is_compiled(form):
-        found = int(form.rank)
+        has_rank = int(form.rank)
         if np.dtype(form.dtype) != np.float64:
             raise ValueError(f"Body: {what} is compiled for {np.dtype(form.dtype)}; compile it for float64")
     elif isinstance(form, list | tuple):
@@ -82,9 +82,9 @@ def _refuse_rank(form: Any, rank: int, what: str) -> None:
         raise ValueError(f"Body: {what} is an equation: give its sides, Body(a, L, ...) for a == L")
     else:
         raise ValueError(f"Body: {what} must be a form of UFL, or one compiled by fem.form, but is {short(form)}")
-    if found != rank:
+    if has_rank != rank:
         kinds = {0: "no argument", 1: "one argument (linear)", 2: "two arguments (bilinear)"}
-        has = kinds.get(found, f"{found} arguments")
+        has = kinds.get(has_rank, f"{has_rank} arguments")
         needed = "a bilinear form of a trial and a test function" if rank == 2 else "a linear form of a test function"
         raise ValueError(f"Body: {what} must be {needed}, but has {has}; exchange a and L?")
 
@@ -165,8 +165,8 @@ def named_mesh(domain: Any, faces: Any) -> NamedMesh:
             raise ValueError("Body: faces is a NamedMesh of another mesh than that of a")
         kept = {name: getattr(faces, name) for name in ("node_sets", "node_numbers", "file", "slice")}
         return NamedMesh(domain, faces.faces, faces.cells, faces.refused, **kept)
-    found, refused = faces_of(domain, faces, "Body")
-    return NamedMesh(domain, found, {}, refused)
+    facets, refused = faces_of(domain, faces, "Body")
+    return NamedMesh(domain, facets, {}, refused)
 
 
 def refuse_unsymmetric(K: PETSc.Mat, x: FloatArray, suspects: str, definite: bool = True) -> None:

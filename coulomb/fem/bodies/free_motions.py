@@ -39,20 +39,20 @@ def anchors(free: FreeMotions, R: FloatArray, x: FloatArray, places: Sequence[Bo
         x: Where these are, metres, shape (n, 3).
         places: Which nodes suit, the best first, shapes (n,); the last ones determine all motions.
     """
-    found = np.zeros(R.shape[:2], dtype=bool)
+    anchored = np.zeros(R.shape[:2], dtype=bool)
     of = np.array([motion.component for motion in free.motions], dtype=np.int64)
     for number in np.unique(of):
         own = R[:, :, of == number]
         if number >= len(free.bodies) - free.opening:  # bolts: against what the anchors before hold
-            E = np.concatenate(comm.allgather(R[found]))
+            E = np.concatenate(comm.allgather(R[anchored]))
             before = of < number
             own = own - R[:, :, before] @ np.linalg.solve(E[:, before], E[:, of == number])
         moved = np.any(own != 0.0, axis=(1, 2))
-        suited = [np.flatnonzero(one & moved) for one in places]
+        suited = [np.flatnonzero(place & moved) for place in places]
         tried = [_pivots(own, nodes, comm) for nodes in (*(_extremes(x, one, comm) for one in suited), suited[-1])]
         best = max(size for _, size in tried)
-        found |= next(pivots for pivots, size in tried if size >= _WORSE * best)
-    return found
+        anchored |= next(pivots for pivots, size in tried if size >= _WORSE * best)
+    return anchored
 
 
 def _extremes(x: FloatArray, nodes: IntArray, comm: MPI.Comm) -> IntArray:
@@ -68,7 +68,7 @@ def _extremes(x: FloatArray, nodes: IntArray, comm: MPI.Comm) -> IntArray:
 def _pivots(R: FloatArray, nodes: IntArray, comm: MPI.Comm) -> tuple[BoolArray, float]:
     """The pivots of the rows of R (n, 3, q) at some of this rank's nodes, shape (n, 3), and the size of the last;
     collective."""
-    found, size = np.zeros(R.shape[:2], dtype=bool), 0.0
+    pivots, size = np.zeros(R.shape[:2], dtype=bool), 0.0
     rows = R[nodes]
     for _ in range(R.shape[2]):
         lengths = np.linalg.norm(rows, axis=2)
@@ -78,12 +78,12 @@ def _pivots(R: FloatArray, nodes: IntArray, comm: MPI.Comm) -> tuple[BoolArray, 
         if comm.rank == rank and lengths.size:
             node, axis = divmod(int(np.argmax(lengths)), 3)
             row = rows[node, axis] / (size or 1.0)
-            found[nodes[node], axis] = True
+            pivots[nodes[node], axis] = True
         row = comm.bcast(row, root=rank)
         if row is None:  # no node suits
-            return found, 0.0
+            return pivots, 0.0
         rows = rows - (rows @ row)[:, :, None] * row
-    return found, size
+    return pivots, size
 
 
 _PURE: Final = 1e-6
@@ -146,11 +146,11 @@ class OpenedPart:
     def motion(self, alpha: FloatArray, whole: FreeMotion | None) -> FreeMotion:
         """For amounts alpha (p,) of the openings, and the motion of the component, if it can move."""
         own = self.amounts @ alpha
-        found = FreeMotion(self.component, self.part, own[:3], own[3:] / self.part.radius)
+        motion = FreeMotion(self.component, self.part, own[:3], own[3:] / self.part.radius)
         if whole is None:
-            return found
+            return motion
         there = whole.at(self.part.centre[None])[0]
-        return replace(found, translation=found.translation + there, rotation=found.rotation + whole.rotation)
+        return replace(motion, translation=motion.translation + there, rotation=motion.rotation + whole.rotation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,12 +193,12 @@ class FreeMotions:
 
     def of(self, alpha: FloatArray) -> tuple[FreeMotion, ...]:
         """The motion of every component that can move, for amounts alpha (q,) of the motions."""
-        found: dict[int, FreeMotion] = {}
+        motion_of: dict[int, FreeMotion] = {}
         for amount, motion in zip(alpha, self.motions, strict=True):
-            last = found.get(motion.component, replace(motion, translation=np.zeros(3), rotation=np.zeros(3)))
+            last = motion_of.get(motion.component, replace(motion, translation=np.zeros(3), rotation=np.zeros(3)))
             way, turn = last.translation + amount * motion.translation, last.rotation + amount * motion.rotation
-            found[motion.component] = replace(motion, translation=way, rotation=turn)
-        return tuple(found.values())
+            motion_of[motion.component] = replace(motion, translation=way, rotation=turn)
+        return tuple(motion_of.values())
 
     def moving(self, alpha: FloatArray) -> list[tuple[str, FreeMotion]]:
         """What moves, with its motion, for amounts alpha (q,) of the motions: components, or where these are opened the
@@ -214,14 +214,14 @@ class FreeMotions:
 
     def resultants(self, e: FloatArray) -> tuple[RigidLoad, ...]:
         """Force and moment on every component that can move, as far as it can, of loads e (q,) along the motions."""
-        found = []
+        loads = []
         for number in dict.fromkeys(motion.component for motion in self.motions):
             own = [(motion, load) for motion, load in zip(self.motions, e, strict=True) if motion.component == number]
             part = own[0][0].part
             M = np.array([np.concatenate([one.translation, part.radius * one.rotation]) for one, _ in own])
             load = np.linalg.lstsq(M, np.array([load for _, load in own]), rcond=None)[0]
-            found.append(RigidLoad(number, part, load[:3], part.radius * load[3:]))
-        return tuple(found)
+            loads.append(RigidLoad(number, part, load[:3], part.radius * load[3:]))
+        return tuple(loads)
 
     def projected(self, forces: FloatArray, x: FloatArray) -> FloatArray:
         """Nodal forces (k, 3) or several of them (k, 3, j) less their resultants along the motions, spread over the
@@ -314,13 +314,13 @@ def _basis_along_axes(free: FloatArray) -> FloatArray:
 
 def _along_axes(span: FloatArray) -> FloatArray:
     """Orthonormal directions with the span of orthonormal columns (3, r), along axes where these are in it."""
-    rest, found = span @ span.T, np.zeros((3, span.shape[1]))
+    rest, along_axes = span @ span.T, np.zeros((3, span.shape[1]))
     for number in range(span.shape[1]):
         lengths = np.linalg.norm(rest, axis=0)
         axis = int(np.argmax(lengths > (1.0 - 1e-6) * lengths.max()))
-        found[:, number] = rest[:, axis] / lengths[axis]
-        rest = rest - np.outer(found[:, number], found[:, number])
-    return found
+        along_axes[:, number] = rest[:, axis] / lengths[axis]
+        rest = rest - np.outer(along_axes[:, number], along_axes[:, number])
+    return along_axes
 
 
 def motions_in_words(free: FreeMotions, combinations: FloatArray) -> tuple[str, ...]:
@@ -377,18 +377,18 @@ def together(
     names; collective."""
     if not ties and not links:
         return component, names
-    starts, found = starts_of(comm, len(component)), [np.empty((0, 2), dtype=np.int64)]
+    starts, joined = starts_of(comm, len(component)), [np.empty((0, 2), dtype=np.int64)]
     for tie in ties:
         entries = tie.rows.tocoo()
         masters = fetched(comm, starts, (entries.col // 3).astype(np.int64), component)
-        found.append(np.unique(np.column_stack([component[tie.nodes[entries.row // 3]], masters]), axis=0))
+        joined.append(np.unique(np.column_stack([component[tie.nodes[entries.row // 3]], masters]), axis=0))
         if tie.own.shape[2]:  # moved by the same unknowns
             moved = np.unique(np.concatenate(comm.allgather(np.unique(component[tie.nodes]))))
-            found.append(np.column_stack([moved[:-1], moved[1:]]))
+            joined.append(np.column_stack([moved[:-1], moved[1:]]))
     for nodes in links:
         linked = fetched(comm, starts, nodes, component)
-        found.append(np.column_stack([linked[:-1], linked[1:]]))
-    pairs = np.concatenate(comm.allgather(np.concatenate(found)))
+        joined.append(np.column_stack([linked[:-1], linked[1:]]))
+    pairs = np.concatenate(comm.allgather(np.concatenate(joined)))
     graph = scipy.sparse.coo_matrix((np.ones(len(pairs)), pairs.T), (len(names), len(names)))
     number = connected_components(graph, directed=False)[1].astype(np.int64)
     _, number = np.unique(number, return_inverse=True)

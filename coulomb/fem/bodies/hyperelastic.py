@@ -198,7 +198,7 @@ class HyperelasticBody(NonlinearBody):
         )
         self._follows = bool(self._follow)
         self._energy = self._at_function(energy)
-        self._pressure_forms = [self._at_function(-one) for one in pressures]
+        self._pressure_forms = [self._at_function(-pressure) for pressure in pressures]
         self._siblings = dict[tuple[bool, ...], HyperelasticBody]()
         self._hold(loaded)
         self.materials, self.loads = materials, loaded.loads
@@ -257,7 +257,7 @@ class HyperelasticBody(NonlinearBody):
 
     def _density(self, laws: Sequence[tuple[str | None, Any]], of: Sequence[Any]) -> Any:
         """Strain energy per undeformed volume: the sum of those of all laws, each 0 in the cells of others."""
-        loaded, found, self._volumes = self._loaded, 0.0, list[MeanVolume]()
+        loaded, density, self._volumes = self._loaded, 0.0, list[MeanVolume]()
         count = loaded.domain.topology.index_map(3).size_local
         hexahedra = linear_hexahedra(loaded.domain)
         means = self.thermal is None and (hexahedra or (loaded.mesh.tetrahedra and loaded.degree == 2))
@@ -277,8 +277,8 @@ class HyperelasticBody(NonlinearBody):
             if loaded.comm.allreduce(bool(np.any(moduli)), op=MPI.LOR):
                 self._volumes.append(MeanVolume(loaded.V, part.invariant, part.function, moduli))
                 values[part.modulus] -= moduli
-            found += mine[0][1].energy(of, *(loaded._on_cells(one, name) for name, one in values.items()))
-        return found
+            density += mine[0][1].energy(of, *(loaded._on_cells(one, name) for name, one in values.items()))
+        return density
 
     def _thermal_stretch(self, thermal: ThermalLoad, mesh: NamedMesh, materials: Materials) -> Any:
         """1 + expansion dT, a scalar of UFL, at the present amplitude; collective."""
@@ -351,14 +351,14 @@ class HyperelasticBody(NonlinearBody):
         return self._loaded.loads_at(time, map(there, self._loaded.loads))
 
     def wrenches(self) -> list[Wrench]:
-        found, time = [], self.place.loading.time
+        wrenches, time = [], self.place.loading.time
         for applied, part in zip(self._loaded.loads, self._keeping_direction(self.place.u, time), strict=True):
             if id(applied.load) in self._turning:
                 one = self._turning[id(applied.load)]
                 factor = evaluate_amplitude(one.load.amplitude, time, load_title(one.load)) / self.mesh.copies
                 force, moment = (factor * np.asarray(of, dtype=np.float64) for of in (one.load.force, one.load.moment))
-                found.append(Wrench(one.load.face, one.point, force, moment, part.forces))
-        return found
+                wrenches.append(Wrench(one.load.face, one.point, force, moment, part.forces))
+        return wrenches
 
     def turning_loads(self) -> Iterator[tuple[Int32Array, FloatArray, FloatArray]]:
         """Of loads that turn with their face its nodes (m,), and of their derivative C sum(Z^T z) along displacements z
@@ -429,7 +429,7 @@ class HyperelasticBody(NonlinearBody):
     @cached_property
     def _of_temperature(self) -> tuple[CompiledForm, CompiledForm]:
         forms = (with_own_degrees(one * self._dx) for one in (self._power, self._energy_density))
-        rates = (self._at_function(ufl.derivative(one, self._kelvin, self._kelvin)) for one in forms)
+        rates = (self._at_function(ufl.derivative(form, self._kelvin, self._kelvin)) for form in forms)
         return next(rates), next(rates)
 
     def thermal_work(self, u: FloatArray, v: FloatArray, change: FloatArray) -> FloatArray:

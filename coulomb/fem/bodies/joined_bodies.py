@@ -89,25 +89,25 @@ def distributed_bodies(
 
 def build_bodies(kind: Callable[..., Kind], bodies: Mapping[str, Mapping[str, Any]]) -> dict[str, Kind]:
     """Every body as an object of a kind, as `Elasticity`; errors with the name of the body; collective."""
-    found = {}
+    by_name = {}
     for name, given in bodies.items():
         try:
-            found[name] = kind(**given)
+            by_name[name] = kind(**given)
         except ValueError as error:
             raise ValueError(f"body {name!r}: {error}") from None
-    return found
+    return by_name
 
 
 def _by_body(mesh: JoinedMesh, given: Iterable[Acting], what: str) -> dict[str, list[Acting]]:
     """Supports or loads of every body, with the names that their faces have there."""
-    found: dict[str, list[Acting]] = {name: [] for name in mesh.bodies}
+    acting_on: dict[str, list[Acting]] = {name: [] for name in mesh.bodies}
     for one in given:
         split = mesh.split_group if isinstance(one, VolumeForce) else mesh.split
         body, name = split(cast(str, getattr(one, "face", None)), getattr(one, "kind", what))
         there = copy.copy(one)
         object.__setattr__(there, "face", name)  # of frozen classes, whose constructors differ
-        found[body].append(there)
-    return found
+        acting_on[body].append(there)
+    return acting_on
 
 
 def _each(mesh: JoinedMesh, given: Value | Mapping[str, Value] | None, what: str) -> dict[str, Value]:
@@ -261,12 +261,12 @@ class JoinedBodies(Deformable):
 
     @cached_property
     def reference(self) -> FloatArray:
-        if all(one.body.x is one.body.reference for one in self._members):
+        if all(member.body.x is member.body.reference for member in self._members):
             return self.x
-        return np.concatenate([one.body.reference for one in self._members])
+        return np.concatenate([member.body.reference for member in self._members])
 
     def deformation(self, way: FloatArray) -> FloatArray:
-        return np.concatenate([one.body.deformation(way[one.nodes]) for one in self._members])
+        return np.concatenate([member.body.deformation(way[member.nodes]) for member in self._members])
 
     def face(self, name: str, what: str) -> tuple[Member, Int32Array]:
         if self._mesh is None:
@@ -282,7 +282,7 @@ class JoinedBodies(Deformable):
 
     @property
     def free(self) -> FreeMotions:
-        if self.constraints.bolts or not all(one.body.held_everywhere for one in self._members):
+        if self.constraints.bolts or not all(member.body.held_everywhere for member in self._members):
             return super().free
         component, names = self.moving_together
         return FreeMotions(self.comm, component, (), names)
@@ -302,7 +302,7 @@ class JoinedBodies(Deformable):
 
     def interpolated(self) -> tuple[scipy.sparse.csr_matrix, FloatArray, Numbering]:
         blocks, places, numberings = zip(*(member.body.interpolated() for member in self.members), strict=True)
-        coarse = JoinedNumbers(self.comm, [(one.first, one.local) for one in numberings])
+        coarse = JoinedNumbers(self.comm, [(numbering.first, numbering.local) for numbering in numberings])
         rows = [in_joined_numbers(of, partial(coarse.of, place), coarse.total) for place, of in enumerate(blocks)]
         x = np.concatenate(places)
         return (
@@ -321,12 +321,12 @@ class JoinedBodies(Deformable):
     def at_time(self, time: float) -> JoinedBodies:
         """Itself, if no body has changed, and the same ties act and bolts are locked; the same for the same ones.
         Constraints are shared unless other supports act."""
-        bodies, constraints = [one.body.at_time(time) for one in self._members], self.constraints.at_time(time)
+        bodies, constraints = [member.body.at_time(time) for member in self._members], self.constraints.at_time(time)
         for known in (self, *self._at_times):
             if known._has(bodies) and known.constraints.same(constraints):
                 return known
         if any(one.body.acting != body.acting for one, body in zip(self._members, bodies, strict=True)):
-            given = dict(zip([one.name for one in self._members], cast(list[SingleBody], bodies), strict=True))
+            given = dict(zip([member.name for member in self._members], cast(list[SingleBody], bodies), strict=True))
             other = JoinedBodies(given, constraints.as_made, time, constraints.link_equations)
         else:
             other = self._with(cast(list[SingleBody], bodies), constraints)
@@ -351,14 +351,14 @@ class JoinedBodies(Deformable):
         """The same with `Constraints.bent`; itself if that is; collective."""
         if not self.constraints.motions:
             return self
-        each = ((one, wrench) for one in self._members for wrench in one.body.wrenches())
+        each = ((member, wrench) for member in self._members for wrench in member.body.wrenches())
         wrenches = [
             replace(of, face=str(one.called(of.face)), forces=self._among_all_nodes(one, of.forces)) for one, of in each
         ]
         constraints = self.constraints.bent(imbalance, time, wrenches)
         if constraints is self.constraints:
             return self
-        other = self._with([one.body for one in self._members], constraints)
+        other = self._with([member.body for member in self._members], constraints)
         other._at_times = []
         return other
 
@@ -382,7 +382,7 @@ class JoinedBodies(Deformable):
         self.constraints.refuse_beginning(time)
 
     def after(self, time: float, before: End | None) -> Loading:
-        parts = tuple(one.body.after(time, before and before.of(one.nodes)) for one in self._members)
+        parts = tuple(member.body.after(time, before and before.of(member.nodes)) for member in self._members)
         return self._under_springs(self.constraints.loading(self._together(time, parts), before))
 
     def heated(self, loading: Loading, change: FloatArray) -> Loading:
@@ -398,19 +398,19 @@ class JoinedBodies(Deformable):
         return any([one.body.outdated(part) for one, part in zip(self._members, loading.parts, strict=True)])
 
     def internal_force(self, u: FloatArray) -> FloatArray:
-        of_bodies = np.concatenate([one.body.internal_force(u[one.nodes]) for one in self._members])
+        of_bodies = np.concatenate([member.body.internal_force(u[member.nodes]) for member in self._members])
         return self._with_springs(of_bodies + self.reduction.bent_force(u), u)
 
     @contextmanager
     def shifted(self, shift: FloatArray) -> Iterator[JoinedBodies]:
         with ExitStack() as stack:
-            bodies = [stack.enter_context(one.body.shifted(shift[one.nodes])) for one in self._members]
+            bodies = [stack.enter_context(member.body.shifted(shift[member.nodes])) for member in self._members]
             there = self._with(bodies, self.constraints)
             there.x = there.reference = np.concatenate([body.x for body in bodies])
             yield there
 
     def spring_force(self, u: FloatArray) -> FloatArray:
-        of_bodies = np.concatenate([one.body.spring_force(u[one.nodes]) for one in self._members])
+        of_bodies = np.concatenate([member.body.spring_force(u[member.nodes]) for member in self._members])
         return of_bodies + self.constraints.spring_force(u)
 
     def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
@@ -438,7 +438,7 @@ class JoinedBodies(Deformable):
         """By the name of the body; those of a body alone."""
         if self._alone:
             return self._alone.forms()
-        return {one.name: forms for one in self._members if (forms := one.body.forms()) is not None} or None
+        return {member.name: forms for member in self._members if (forms := member.body.forms()) is not None} or None
 
     @property
     def ground(self) -> FloatArray | None:
@@ -479,9 +479,9 @@ class _LoadOfBody:
 
 def _materials(bodies: Mapping[str, SingleBody]) -> dict[str, AnyMaterial]:
     """Those of bodies and groups of cells, as "lower" or "lower:steel"; without those of the user's forms."""
-    found: dict[str, AnyMaterial] = {}
+    materials: dict[str, AnyMaterial] = {}
     for name, body in bodies.items():
         if body.materials is not None:
             for group, material in by_group(body.materials):
-                found[name if group is None else f"{name}{SEPARATOR}{group}"] = material
-    return found
+                materials[name if group is None else f"{name}{SEPARATOR}{group}"] = material
+    return materials

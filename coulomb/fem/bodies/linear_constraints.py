@@ -94,21 +94,21 @@ class Constraints:
         places = [one.place for one, tie in zip(of, ties, strict=True) if one is not None and tie.own.shape[2]]
         return self._sprung(Reduction(nodes, ties, places), ties)
 
-    def _sprung(self, found: Reduction, ties: Sequence[Tie]) -> Reduction:
+    def _sprung(self, reduction: Reduction, ties: Sequence[Tie]) -> Reduction:
         """With the springs of rigid faces along own unknowns; collective."""
-        weights = [(own, N) for _, own, N, _ in found.weights]
-        for tie, own in zip(ties, found.own, strict=True):
+        weights = [(own, N) for _, own, N, _ in reduction.weights]
+        for tie, own in zip(ties, reduction.own, strict=True):
             if tie.motion is not None and tie.own.shape[2]:
                 N = next(N for at, N in weights if at == own)
                 along = self.comm.allreduce(np.einsum("mcp,mcq->pq", tie.motion.spread, N))
-                found.stiffness[own, own] = (along.T * tie.motion.given.stiffness) @ along
-        return found
+                reduction.stiffness[own, own] = (along.T * tie.motion.given.stiffness) @ along
+        return reduction
 
     def _take(self, acting: tuple[bool, ...], time: float) -> None:
         """Let these constraints act, and those bolts be locked that are at a time."""
-        self._unlocked = found = self._reductions[acting]
+        self._unlocked = reduction = self._reductions[acting]
         self.acting = acting
-        self._own(self._those(acting), found.own)
+        self._own(self._those(acting), reduction.own)
         self.locked = tuple(bolt.given.fixed(time) for bolt in self.bolts)
         self.reduction = self._prescribed()
 
@@ -145,7 +145,7 @@ class Constraints:
         other._displaced, other._before = u, before
         other._unlocked = self._unlocked.at_place(x)
         if self.motions or self.bolts:
-            found, apart, comm = self._before_deformation, self._apart(u), self.comm
+            reduction, apart, comm = self._before_deformation, self._apart(u), self.comm
             turns = None if before is None else before.turns
             near = iter(np.zeros((len(self.motions), 3)) if turns is None else turns)
 
@@ -154,9 +154,9 @@ class Constraints:
                     motion = tie.motion.at_place(x, next(near), comm)
                     return replace(tie, own=motion.own(x), motion=motion)
                 nodes = tie.nodes
-                return tie if tie.bolt is None else turned_tie(tie, x[nodes], apart[nodes], found.tied[nodes], comm)
+                return tie if tie.bolt is None else turned_tie(tie, x[nodes], apart[nodes], reduction.tied[nodes], comm)
 
-            other._own(tuple(map(there, self._those(self.acting))), found.own)
+            other._own(tuple(map(there, self._those(self.acting))), reduction.own)
             other._unlocked = self._sprung(other._unlocked.of_weights(other.ties), other.ties)
         other.reduction = other._prescribed()
         return other
@@ -167,7 +167,7 @@ class Constraints:
         on faces; itself without; collective."""
         forces, stiffness = self.lacking(imbalance, time), np.zeros_like(self.reduction.stiffness)
         for motion, own in self.of_faces:
-            here = [one for one in wrenches if one.face == motion.given.face]
+            here = [wrench for wrench in wrenches if wrench.face == motion.given.face]
             others = sum((one.forces for one in here), forces + motion.pull(self._displacement, self.comm))
             stiffness[own, own] = motion.bent(others, here, self.comm)
         if not np.any(stiffness):
@@ -200,10 +200,10 @@ class Constraints:
         if self._displaced is None:
             y = self._amounts(u)
             return [replace(bolt, shortening=float(y[own])) for bolt, own in self.of_bolts]
-        found, apart, ties = self._before_deformation, self._apart(u), self._those(self.acting)
-        x = found.x + u
+        before, apart, ties = self._before_deformation, self._apart(u), self._those(self.acting)
+        x = before.x + u
         each = ((tie, tie.nodes) for tie in ties if tie.bolt is not None)
-        return [turned_section(tie, x[at], apart[at], found.tied[at], self.comm) for tie, at in each]
+        return [turned_section(tie, x[at], apart[at], before.tied[at], self.comm) for tie, at in each]
 
     @property
     def _displacement(self) -> FloatArray:
@@ -226,7 +226,7 @@ class Constraints:
 
     def opened(
         self,
-        found: FreeMotions,
+        unheld: FreeMotions,
         component: IntArray,
         names: tuple[str, ...],
         resisted: Callable[[FloatArray], FloatArray],
@@ -242,12 +242,12 @@ class Constraints:
         bolts, own = [bolt for bolt, _ in loose], [at for _, at in loose]
         firm = [tie for tie in self.ties if tie.bolt not in bolts and tie.prescribed is None]
         if len(firm) == len(self.ties) and self._links is None:
-            return found
+            return unheld
         part, names = together(firm, component, names, self.comm)
         modes, parts = component_modes(self.reduction.x, part, self.comm)
         each = np.concatenate([np.where((part == k)[:, None, None], modes, 0.0) for k in range(len(parts))], axis=2)
         forces = self.reduction.prevented(each) + resisted(each)
-        of_modes = found.modes(self.reduction.x)
+        of_modes = unheld.modes(self.reduction.x)
         energy, gram, whole = (
             self.comm.allreduce(np.einsum("kci,kcj->ij", each, of)) for of in (forces, each, of_modes)
         )
@@ -262,13 +262,13 @@ class Constraints:
             along = amounts[most, :3] if np.any(np.abs(amounts[most, :3]) > SHORTENS) else amounts[most, 3:]
             named.append((names[most], parts[most], along))
         if not named:
-            return found
+            return unheld
         ways = np.column_stack([ways, others])
         of_parts = (free @ ways).reshape(len(parts), 6, -1)
-        numbers = [int(np.max(found.component[part == k], initial=-1)) for k in range(len(parts))]
+        numbers = [int(np.max(unheld.component[part == k], initial=-1)) for k in range(len(parts))]
         numbers = np.max(self.comm.allgather(numbers), axis=0).tolist()
         opened = [OpenedPart(*one) for one in zip(names, numbers, parts, of_parts, strict=True)]
-        return found.opened(motions @ ways, named, opened)
+        return unheld.opened(motions @ ways, named, opened)
 
     def _amounts(self, u: FloatArray, offset: FloatArray | float = 0.0) -> FloatArray:
         """The own unknowns of displacements of which slave nodes are to be apart by an offset; collective."""
@@ -316,11 +316,11 @@ class Constraints:
         bolts, and how far faces are from each other where ties have begun; collective."""
         if not self.ties:
             return of_bodies
-        found, time, x = self.reduction, of_bodies.time, self.reduction.x
+        reduction, time, x = self.reduction, of_bodies.time, self.reduction.x
         before = before or self._before
         offset = self._offset([one.prescribed(x, time, self.comm) for one in self.motions], time)
         if before is not None and self.begun:
-            left = found.apart(before.displacement)
+            left = reduction.apart(before.displacement)
             for one, tie in self.begun:
                 offset[tie.nodes] += share_left(one, before.time, time) * left[tie.nodes]
         if self.motions:
@@ -329,15 +329,15 @@ class Constraints:
             )
             size = self.comm.allreduce(max(given), op=MPI.MAX)
             for motion in self.motions:
-                motion.refuse_other(found.held.held_part(of_bodies.prescribed - offset), size, self.comm)
-        y = np.zeros(found.width)
+                motion.refuse_other(reduction.held.held_part(of_bodies.prescribed - offset), size, self.comm)
+        y = np.zeros(reduction.width)
         kept = self.bolts if before is None else self._sections(before.displacement)
         for (bolt, own), locked, then in zip(self.of_bolts, self.locked, kept, strict=True):
             length = bolt.given.value(time, self.comm) if bolt.given.force is None else then.shortening
             y[own] = length if locked else bolt.shortening
-        apart = found.followed(offset) + found.moved(y)
+        apart = reduction.followed(offset) + reduction.moved(y)
         if self._displaced is not None:  # what is left
-            left = found.left_apart(self._displaced)
+            left = reduction.left_apart(self._displaced)
             for tie in self.ties:
                 if tie.motion is not None and tie.motion.finite:
                     left[tie.nodes] = 0.0  # their offset is from where they are
@@ -346,7 +346,7 @@ class Constraints:
             apart -= left
             size = self.comm.allreduce(float(np.max(np.abs(self._displaced), initial=0.0)), op=MPI.MAX)
             apart[np.abs(apart) <= _ROUNDING * size] = 0.0
-        prescribed = found.led(of_bodies.prescribed, apart)
+        prescribed = reduction.led(of_bodies.prescribed, apart)
         load = of_bodies.load
         if self._displaced is not None:
             load = sum((one.forces for one in self.spring_forces(self._displaced)), load)
@@ -362,11 +362,11 @@ class Constraints:
     def apart_rate(self, time: float) -> FloatArray:
         """Derivative of how far nodes are prescribed to be apart from what they follow, by rigid faces, bolts and
         equations, along the common factor of all that is prescribed, metres, shape (k, 3); collective."""
-        found, y = self.reduction, np.zeros(self.reduction.width)
-        offset = self._offset([one.prescribed_rate(found.x, time, self.comm) for one in self.motions], time)
+        reduction, y = self.reduction, np.zeros(self.reduction.width)
+        offset = self._offset([motion.prescribed_rate(reduction.x, time, self.comm) for motion in self.motions], time)
         for bolt, own in self.of_bolts:
             y[own] = bolt.given.value(time, self.comm) if bolt.given.force is None else 0.0
-        return found.followed(offset) + found.moved(y)
+        return reduction.followed(offset) + reduction.moved(y)
 
     def _tension(self, time: float) -> FloatArray:
         """The forces of bolts along own unknowns at a time, newtons, shape (width,); collective."""
@@ -405,7 +405,7 @@ class Constraints:
     def stresses(self, imbalance: FloatArray, time: float) -> dict[str, FloatArray]:
         """The `TIE_STRESSES` in pascals at this rank's nodes, shapes (k,), 0 off slave nodes; collective."""
         forces = self.lacking(imbalance, time)
-        starts, found = starts_of(self.comm, len(forces)), np.zeros((2, len(forces)))
+        starts, stresses = starts_of(self.comm, len(forces)), np.zeros((2, len(forces)))
         for tie in self.ties:
             there = fetched(self.comm, starts, tie.traction.indices.astype(np.int64), forces)
             spread = scipy.sparse.csr_matrix(
@@ -413,8 +413,8 @@ class Constraints:
             )
             traction = spread @ there
             along = np.einsum("mi,mi->m", traction, tie.normal)
-            found[:, tie.nodes] = along, np.linalg.norm(traction - along[:, None] * tie.normal, axis=1)
-        return dict(zip(TIE_STRESSES, found, strict=True))
+            stresses[:, tie.nodes] = along, np.linalg.norm(traction - along[:, None] * tie.normal, axis=1)
+        return dict(zip(TIE_STRESSES, stresses, strict=True))
 
     def motions_of_faces(self, u: FloatArray, time: float) -> Iterator[tuple[str, FloatArray, FloatArray]]:
         """Of every rigid face its name, reference point (3,) in metres, and motion (6,) at displacements u (k, 3), if

@@ -382,9 +382,9 @@ class NodeTemperatures:
             place = np.minimum(np.searchsorted(ordered, numbers), len(ordered) - 1)
             here = ordered[place] == numbers
             at_points[here] = np.array([singly[node] for node in ordered])[place[here]]
-            found = np.zeros(len(ordered), dtype=np.int64)
-            found[place[here]] = 1
-            missing = ordered[comm.allreduce(found) == 0]
+            present = np.zeros(len(ordered), dtype=np.int64)
+            present[place[here]] = 1
+            missing = ordered[comm.allreduce(present) == 0]
             if len(missing):
                 raise ValueError(f"temperature: no cell of the mesh file has a node of the number {missing[0]}")
         widths = (count for count in (27, 20, 10) if count <= on.shape[1])
@@ -449,9 +449,9 @@ def range_of(change: FloatArray, comm: MPI.Comm) -> dict[str, float]:
     }
 
 
-def shown_range(found: Mapping[str, float]) -> str:
+def shown_range(ends: Mapping[str, float]) -> str:
     """A range in words, for lists of loads."""
-    low, high = found["min"], found["max"]
+    low, high = ends["min"], ends["max"]
     same = high - low <= 1e-9 * max(abs(low), abs(high))
     return f"temperature change {low:.6g} K" if same else f"temperature change from {low:.6g} to {high:.6g} K"
 

@@ -191,9 +191,9 @@ class _Facets:
         """The nearest point of the facets, its distance, and the facet; infinite and -1 if there are none."""
         if not len(self._triangles):
             return point, np.inf, -1
-        found, _ = nearest_points(point, self._triangles)
-        distance = np.linalg.norm(found - point, axis=1)
+        nearest, _ = nearest_points(point, self._triangles)
+        distance = np.linalg.norm(nearest - point, axis=1)
         k = int(np.argmin(distance))
         rounding = 1e-15 * np.max(np.abs(self._triangles))
-        at: FloatArray = np.where(np.abs(found[k]) <= rounding, 0.0, found[k])
-        return at, float(distance[k]), k % len(self.cell)
+        point_on: FloatArray = np.where(np.abs(nearest[k]) <= rounding, 0.0, nearest[k])
+        return point_on, float(distance[k]), k % len(self.cell)

@@ -100,13 +100,13 @@ class CellMaterials:
         """As in solution.xdmf."""
         given = self.directional
         if given is None:
-            found = dict(zip(ISOTROPIC, (self.young, self.poisson), strict=True))
+            fields = dict(zip(ISOTROPIC, (self.young, self.poisson), strict=True))
         else:
             values = (given.young, given.poisson, given.shear, given.axes[:, 0], given.axes[:, 1])
-            found = dict(zip(ORTHOTROPIC, values, strict=True))
+            fields = dict(zip(ORTHOTROPIC, values, strict=True))
         if self.expansion is not None:
-            found[EXPANSION if given is None else ORTHOTROPIC_EXPANSION] = self.expansion
-        return found
+            fields[EXPANSION if given is None else ORTHOTROPIC_EXPANSION] = self.expansion
+        return fields
 
     @staticmethod
     def of_fields(fields: Mapping[str, FloatArray]) -> CellMaterials:
@@ -269,12 +269,12 @@ def stiffness(young: FloatArray, poisson: FloatArray, shear: FloatArray, axes: F
     """The 21 constants of the stiffness in space of every cell, pascals, in the order of `UPPER`, shape (c, 21);
     arguments as of `Directional`."""
     i, j = np.array(UPPER).T
-    found = np.empty((len(young), 21))
+    entries = np.empty((len(young), 21))
     for first in range(0, len(young), _AT_ONCE):
         here = slice(first, first + _AT_ONCE)
         T = strain_rotation(axes[here])
-        found[here] = (T.transpose(0, 2, 1) @ along_directions(young[here], poisson[here], shear[here]) @ T)[:, i, j]
-    return found
+        entries[here] = (T.transpose(0, 2, 1) @ along_directions(young[here], poisson[here], shear[here]) @ T)[:, i, j]
+    return entries
 
 
 def along_directions(young: FloatArray, poisson: FloatArray, shear: FloatArray) -> FloatArray:

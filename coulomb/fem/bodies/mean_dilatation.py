@@ -99,8 +99,8 @@ class CellProducts:
         """Add k b b^T to a matrix that has these entries; collective."""
         index_map = self._V.dofmap.index_map
         nodes = np.asarray(index_map.local_to_global(self._nodes.ravel().astype(np.int32)), dtype=PETSc.IntType)
-        for at, b, k in zip(nodes.reshape(self._nodes.shape), self.b, self.k, strict=True):
-            K.setValuesBlocked(at, at, np.outer(k * b, b), addv=PETSc.InsertMode.ADD)
+        for cell_nodes, b, k in zip(nodes.reshape(self._nodes.shape), self.b, self.k, strict=True):
+            K.setValuesBlocked(cell_nodes, cell_nodes, np.outer(k * b, b), addv=PETSc.InsertMode.ADD)
         K.assemble()
 
 
@@ -223,10 +223,10 @@ def tabulated(form: Any, V: Any) -> FloatArray:
     width = 3 * compat.cell_dofs(V).shape[1]
     function = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 7)(kernel.address)
     cells = int(V.mesh.topology.index_map(3).size_local)
-    found = np.zeros((cells, *[width] * int(form.rank)))
+    elements = np.zeros((cells, *[width] * int(form.rank)))
     points = np.ascontiguousarray(V.mesh.geometry.x[compat.cell_geometry(V.mesh)[:cells]])
     constants, coefficients = kernel.constants, np.ascontiguousarray(kernel.coefficients, dtype=np.float64)
     coefficients = coefficients[:cells] if coefficients.size else np.zeros((cells, 1))
-    for one, coefficient, corners in zip(found, coefficients, points, strict=True):
+    for one, coefficient, corners in zip(elements, coefficients, points, strict=True):
         function(one.ctypes.data, coefficient.ctypes.data, constants.ctypes.data, corners.ctypes.data, 0, 0, 0)
-    return found
+    return elements

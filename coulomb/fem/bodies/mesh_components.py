@@ -27,7 +27,7 @@ def unjoined_parts(bodies: Deformable, pairs: Iterable[tuple[str, str]]) -> list
         if mesh.components == 1:
             continue
         corners = [corners_of(mesh.domain, facets) for one, facets in faces if one.name == member.name]
-        places = _beside(mesh, np.concatenate([np.empty(0, dtype=np.int64), *(found.ravel() for found in corners)]))
+        places = _beside(mesh, np.concatenate([np.empty(0, dtype=np.int64), *(nodes.ravel() for nodes in corners)]))
         seen = mesh.comm.allgather((len(places), *places[:1]))
         if any(count for count, *_ in seen):
             at = in_words(next(place[0] for count, *place in seen if count))
@@ -81,10 +81,10 @@ def mesh_components(space: DisplacementSpace) -> IntArray:
 def _in_order(joined: IntArray, x: FloatArray, comm: MPI.Comm) -> IntArray:
     """IntArray of components in the order of their smallest nodes; collective."""
     order = np.lexsort(x.T[::-1])
-    found, first = np.unique(joined[order], return_index=True)
-    mine = [(*point, number) for point, number in zip(x[order][first].tolist(), found.tolist(), strict=True)]
+    numbers, first = np.unique(joined[order], return_index=True)
+    mine = [(*point, number) for point, number in zip(x[order][first].tolist(), numbers.tolist(), strict=True)]
     ranked: dict[int, int] = {}
     for *_, number in sorted(point for points in comm.allgather(mine) for point in points):
         ranked.setdefault(number, len(ranked))
-    names = np.array([ranked[number] for number in found.tolist()], dtype=np.int64)
-    return names[np.searchsorted(found, joined)] if len(found) else joined
+    names = np.array([ranked[number] for number in numbers.tolist()], dtype=np.int64)
+    return names[np.searchsorted(numbers, joined)] if len(numbers) else joined

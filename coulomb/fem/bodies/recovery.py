@@ -133,7 +133,7 @@ def stress_error(body: LoadedBody, u: FloatArray, change: FloatArray | None = No
             "large motions, it is not known which stress belongs to a strain"
         )
     cells = StressedCells(body, u, change)
-    found = np.zeros((3, cells.count))
+    sums = np.zeros((3, cells.count))
     grid = body.mesh.grid
     along = None if grid is None else np.zeros((3, cells.count))
     X, weights = cells.integration()
@@ -149,13 +149,13 @@ def stress_error(body: LoadedBody, u: FloatArray, change: FloatArray | None = No
             difference = recovered - stress
             volume *= weights
             for row, of in enumerate((difference, stress)):
-                found[row, part] = np.sum(cells.energy(part, of) * volume, axis=1)
-            found[2, part] = volume.sum(axis=1)
+                sums[row, part] = np.sum(cells.energy(part, of) * volume, axis=1)
+            sums[2, part] = volume.sum(axis=1)
             if grid is not None and along is not None:
                 highest = np.einsum("caq,cqk->cak", _highest(N, grid.corners[part], weights, body.degree), difference)
-                along[:, part] = cells.energy(part, highest).T * found[2, part]
-    total, norm = np.sqrt(body.comm.allreduce(found[:2].sum(axis=1)))
-    return StressError(found[0], found[2], cells.modulus, float(total), float(norm), along)
+                along[:, part] = cells.energy(part, highest).T * sums[2, part]
+    total, norm = np.sqrt(body.comm.allreduce(sums[:2].sum(axis=1)))
+    return StressError(sums[0], sums[2], cells.modulus, float(total), float(norm), along)
 
 
 def _highest(N: FloatArray, corners: IntArray, weights: FloatArray, degree: int) -> FloatArray:
@@ -173,8 +173,8 @@ def _highest(N: FloatArray, corners: IntArray, weights: FloatArray, degree: int)
     terms, root = _monomials(N @ kinds, degree), np.sqrt(weights)
     rows = slice(1, 4) if degree == 1 else slice(4, 7)
     size = math.sqrt(1.0 / 12.0 if degree == 1 else 1.0 / 180.0)
-    found: FloatArray = size * np.linalg.pinv(terms * root[:, None])[:, rows] * root
-    return found[of_cell.ravel()]
+    functions: FloatArray = size * np.linalg.pinv(terms * root[:, None])[:, rows] * root
+    return functions[of_cell.ravel()]
 
 
 def _by_material(body: LoadedBody, count: int, heated: bool) -> list[IntArray]:
@@ -182,13 +182,13 @@ def _by_material(body: LoadedBody, count: int, heated: bool) -> list[IntArray]:
 
     Groups of cells with equal materials are one; a material with directions that are functions of place is one, too.
     """
-    found: dict[str, list[IntArray]] = {}
+    cells_of: dict[str, list[IntArray]] = {}
     for name, material in by_group(body.materials or {}):
         expansion = material.expansion if heated else None
         elastic = replace(cast(Any, material), density=None, conductivity=None, expansion=expansion)
         here = np.arange(count) if name is None else body.mesh.group(name, "material")
-        found.setdefault(repr(elastic), []).append(np.asarray(here, dtype=np.int64))
-    return [np.concatenate(cells) for cells in found.values()]
+        cells_of.setdefault(repr(elastic), []).append(np.asarray(here, dtype=np.int64))
+    return [np.concatenate(cells) for cells in cells_of.values()]
 
 
 def _parts(cells: IntArray) -> Iterator[IntArray]:

@@ -166,8 +166,8 @@ class Reduction:
         n, axes = 3 * len(self.x), np.arange(3)
         follow = scipy.sparse.csr_matrix((n, 3 * self._of_nodes.total))
         for tie in self._ties:
-            at = (3 * tie.nodes[:, None] + axes).ravel()
-            lift = scipy.sparse.csr_matrix((np.ones(len(at)), (at, np.arange(len(at)))), (n, len(at)))
+            rows = (3 * tie.nodes[:, None] + axes).ravel()
+            lift = scipy.sparse.csr_matrix((np.ones(len(rows)), (rows, np.arange(len(rows)))), (n, len(rows)))
             follow = follow + lift @ tie.rows
         return self._distributed(follow.tocsr(), n)
 
@@ -175,13 +175,13 @@ class Reduction:
     def weights(self) -> list[tuple[IntArray, slice, FloatArray, FloatArray]]:
         """Of every constraint with own unknowns its nodes, where its unknowns are among all own ones, and D N and the
         fit (N^T D N)^-1 N^T D of these to displacements of the nodes, shapes (m, 3, q); collective."""
-        found = []
+        weights = []
         for tie, own in zip(self._ties, self.own, strict=True):
             if tie.own.shape[2]:
                 N = np.einsum("mij,mjq->miq", self.tied[tie.nodes], tie.own)
                 gram = self.comm.allreduce(np.einsum("miq,mip->qp", N, N))
-                found.append((tie.nodes, own, N, N @ np.linalg.inv(gram)))
-        return found
+                weights.append((tie.nodes, own, N, N @ np.linalg.inv(gram)))
+        return weights
 
     @cached_property
     def T(self) -> PETSc.Mat:
@@ -189,9 +189,9 @@ class Reduction:
         rank if nodes follow each other in a circle."""
         rows = block_diagonal(np.eye(3) - self.tied, self.numbering)
         for nodes, own, N, _ in self.weights:
-            at = (3 * nodes[:, None] + np.arange(3)).ravel()
+            dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
             columns = 3 * self._of_nodes.total + np.arange(own.start, own.stop)
-            where = np.repeat(at, len(columns)), np.tile(columns, len(at))
+            where = np.repeat(dofs, len(columns)), np.tile(columns, len(dofs))
             rows = rows + scipy.sparse.csr_matrix((N.ravel(), where), rows.shape)
         rows.eliminate_zeros()
         E = self._distributed(rows.tocsr(), 3 * len(self.points))

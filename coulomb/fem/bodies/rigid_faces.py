@@ -250,7 +250,7 @@ def _left_free(given: RigidFace, possible: FloatArray, size: float) -> tuple[Flo
     rows = (scale[:, None] * possible)[which]
     amounts = np.linalg.pinv(rows) @ asked
     off = rows @ amounts - asked
-    if all(one is None for one in given.amplitudes):
+    if all(amplitude is None for amplitude in given.amplitudes):
         off = off.sum(axis=1, keepdims=True)
     off = np.any(np.abs(off) > _ROUNDING * np.max(np.abs(asked), initial=0.0), axis=1)
     if np.any(off | (np.linalg.norm(rows, axis=1) < _PLANE)):

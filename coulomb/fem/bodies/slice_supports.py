@@ -11,13 +11,13 @@ def _slices(mesh: object) -> dict[str, Slice]:
     """The slices among the bodies, by what their faces' names begin with; ValueError if bodies are of several kinds."""
     bodies = {f"{name}{SEPARATOR}": one for name, one in mesh.bodies.items()} if isinstance(mesh, JoinedMesh) else {}
     bodies |= {"": mesh} if isinstance(mesh, NamedMesh) else {}
-    found = {name: one.slice for name, one in bodies.items()}
-    kinds = {"in 3D" if one is None else f"{one.kind}, for {one.said}" for one in found.values()}
+    slice_of = {name: one.slice for name, one in bodies.items()}
+    kinds = {"in 3D" if one is None else f"{one.kind}, for {one.said}" for one in slice_of.values()}
     if len(kinds) > 1:
         raise ValueError(
             f"bodies are of several kinds ({'; '.join(sorted(kinds))}): make all of them slices of one kind"
         )
-    return {name: one for name, one in found.items() if one is not None}
+    return {name: one for name, one in slice_of.items() if one is not None}
 
 
 def supports_of_slices(mesh: object) -> list[Support]:

@@ -58,7 +58,7 @@ def stress_difference(cells: StressedCells, other: StressedCells) -> StressDiffe
     """
     X, weights = cells.integration(of_slopes=True)
     other_answer = _OtherAnswer(other)
-    found, at_once = np.zeros(3), max(_AT_ONCE // len(X), 1)
+    sums, at_once = np.zeros(3), max(_AT_ONCE // len(X), 1)
     for first in range(0, cells.count, at_once):
         part = np.arange(first, min(first + at_once, cells.count))
         terms, stress, volume = cells.at(part, X)
@@ -66,8 +66,8 @@ def stress_difference(cells: StressedCells, other: StressedCells) -> StressDiffe
         of_points, strain = other_answer.strain(x)
         density = cells.energy(part, stress - cells.hooke(part, strain.reshape(stress.shape)))
         across = np.ptp(of_points, axis=1) > 0
-        found += np.sum(density * volume * weights), len(part), np.sum(across)
-    squared, count, across = cells.comm.allreduce(found)
+        sums += np.sum(density * volume * weights), len(part), np.sum(across)
+    squared, count, across = cells.comm.allreduce(sums)
     return StressDifference(float(squared), int(count), int(across))
 
 
@@ -145,16 +145,16 @@ class _OtherAnswer:
         if not len(some):
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
         ends = np.stack([self._low[some], self._high[some]])
-        at = np.empty_like(points)
+        moved = np.empty_like(points)
         for axis in range(3):
             knots = np.unique(ends[:, :, axis])
             ranks = np.arange(float(len(knots)))
-            at[:, axis] = np.interp(points[:, axis], knots, ranks)
+            moved[:, axis] = np.interp(points[:, axis], knots, ranks)
             ends[:, :, axis] = np.interp(ends[:, :, axis], knots, ranks)
         low, high = ends
-        found = tree_of(at).query_ball_point(0.5 * (low + high), 0.5 * np.max(high - low, axis=1) + 1e-9, p=np.inf)
-        cell = np.repeat(some, [len(of) for of in found])
-        point = np.concatenate([np.asarray(of, dtype=np.int64) for of in found])
+        near = tree_of(moved).query_ball_point(0.5 * (low + high), 0.5 * np.max(high - low, axis=1) + 1e-9, p=np.inf)
+        cell = np.repeat(some, [len(of) for of in near])
+        point = np.concatenate([np.asarray(of, dtype=np.int64) for of in near])
         inside = np.all((self._low[cell] <= points[point]) & (points[point] <= self._high[cell]), axis=1)
         return point[inside], cell[inside]
 

@@ -36,7 +36,7 @@ class GivenFace:
 
     def factors(self, time: float) -> FloatArray:
         """Those of the six components at a time, shape (6,); ValueError if an amplitude has no value then."""
-        own = [self.amplitude if one is None else one for one in self.amplitudes]
+        own = [self.amplitude if amplitude is None else amplitude for amplitude in self.amplitudes]
         return np.array([evaluate_amplitude(one, time, self.what) for one in own])
 
     @property

@@ -293,8 +293,8 @@ def _sheets(names: _Names, bodies: list[_OuterFacets], distance: float) -> list[
     """What faces the same side, that of a name or of none: body, name there, and numbers over all ranks of the facets
     of one sheet each, by places; collective, the same on every rank."""
     comm, every = names.comm, _all_facets(names, bodies)
-    found = on_all_ranks(lambda: list(_met_by_all(names, bodies, every, distance, True)), "auto_pairs", comm)
-    mine = np.column_stack([np.concatenate(parts) for parts in list(zip(*found, strict=True))[:4]])
+    met = on_all_ranks(lambda: list(_met_by_all(names, bodies, every, distance, True)), "auto_pairs", comm)
+    mine = np.column_stack([np.concatenate(parts) for parts in list(zip(*met, strict=True))[:4]])
     rows = np.unique(np.concatenate(comm.allgather(mine)), axis=0)
     nodes = [np.concatenate(comm.allgather(body.nodes)) for body in bodies]
     corners = [of[:, : body.kind.corners] for of, body in zip(every.x, bodies, strict=True)]
@@ -316,8 +316,8 @@ def _opposite(
     """Pairs of sides within a distance, with area, smallest and largest gap, ascending; and rows (side, side opposite,
     number over all ranks of a facet of the first), shape (k, 3); collective, the same on every rank."""
     comm, every = names.comm, _all_facets(names, bodies)
-    found = on_all_ranks(lambda: list(_met_by_all(names, bodies, every, distance, False)), "auto_pairs", comm)
-    one, two, facet, there, area, gap = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    met = on_all_ranks(lambda: list(_met_by_all(names, bodies, every, distance, False)), "auto_pairs", comm)
+    one, two, facet, there, area, gap = (np.concatenate(parts) for parts in zip(*met, strict=True))
     facets = np.concatenate([np.column_stack([one, two, facet]), np.column_stack([two, one, there])])
     facets = np.unique(np.concatenate(comm.allgather(np.unique(facets, axis=0))), axis=0)
     gap = np.where(np.abs(gap) <= every.same, 0.0, gap)
@@ -408,14 +408,14 @@ def _met_by_all(
     `alike`, of what is on one side."""
     for number, body in enumerate(bodies):
         side = names.sides(number, body)
-        for at in np.array_split(np.arange(len(side)), len(side) // _AT_ONCE + 1):
-            cell, other, gap, share = _met(at, body, side, every, names.width, distance, alike)
+        for chunk in np.array_split(np.arange(len(side)), len(side) // _AT_ONCE + 1):
+            cell, other, gap, share = _met(chunk, body, side, every, names.width, distance, alike)
             area = share * body.cells.area[cell] / _LINES**2
             yield side[cell], every.side[other], body.key[body.cells.facet[cell]], every.key[other], area, gap
 
 
 def _met(
-    at: IntArray,
+    chunk: IntArray,
     body: _OuterFacets,
     own: IntArray,
     every: _AllFacets,
@@ -427,8 +427,8 @@ def _met(
     opposite, the gaps in metres, and the share of the line, which may meet an edge of several; shape (k,) each."""
     cells, others, same, side = body.cells, every.cells, every.same, every.side
     far = distance + 2.0 * every.chord
-    line, other = every.cells.tree.before(cells.centre[at], cells.radius[at], cells.frames[at, 2], far, far)
-    one = at[line]
+    line, other = every.cells.tree.before(cells.centre[chunk], cells.radius[chunk], cells.frames[chunk, 2], far, far)
+    one = chunk[line]
     cosine = np.einsum("ki,ki->k", cells.frames[one, 2], others.area_vector[other]) / others.area[other]
     one, other = one[cosine < FACING], other[cosine < FACING]
     points = cells.seen(one, body.points[one])

@@ -171,13 +171,13 @@ def tetrahedra_of(cell: Any, degree: int) -> IntArray:
     if cell.name == "tetrahedron":
         points = points @ np.array([[1, 0, 0], [1, 1, 0], [1, 1, 1]])
     column = {tuple(map(int, point)): k for k, point in enumerate(points)}
-    found = []
+    tetrahedra = []
     for corner in product(range(degree), repeat=3):
         for axes in permutations(np.eye(3, dtype=np.int64)):
             nodes = [tuple(node) for node in (np.array(corner) + np.cumsum([np.zeros(3, int), *axes], axis=0)).tolist()]
             if all(node in column for node in nodes):
-                found.append([column[node] for node in nodes])
-    return np.array(found)
+                tetrahedra.append([column[node] for node in nodes])
+    return np.array(tetrahedra)
 
 
 def boxes_of(x: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -198,7 +198,7 @@ def in_boxes(places: Box, cells: Box) -> tuple[IntArray, IntArray]:
         for a, b, c, d in ((first, last, low, high), (low, high, first, last))
     )
     first, last, low, high = first[:, mine], last[:, mine], low[:, theirs], high[:, theirs]
-    found = [(mine[:0], theirs[:0])]
+    both = [(mine[:0], theirs[:0])]
     if len(mine) and len(theirs):
         along = int(np.argmax(np.max(last, axis=1) - np.min(first, axis=1)))
         order = np.argsort(low[along])
@@ -217,8 +217,8 @@ def in_boxes(places: Box, cells: Box) -> tuple[IntArray, IntArray]:
             pairs = tree.sparse_distance_matrix(others, distance, p=np.inf, output_type="ndarray")
             i, j = own[pairs["i"]], some[pairs["j"]]
             met = _everywhere((last[:, i] >= low[:, j]) & (first[:, i] <= high[:, j]))
-            found.append((mine[i[met]], theirs[j[met]]))
-    place, cell = (np.concatenate(parts) for parts in zip(*found, strict=True))
+            both.append((mine[i[met]], theirs[j[met]]))
+    place, cell = (np.concatenate(parts) for parts in zip(*both, strict=True))
     return place, cell
 
 
@@ -270,9 +270,9 @@ def in_tetrahedra(
     start = np.where(first >= 0.0, 0.0, np.where(last >= 0.0, crossing, np.inf)).max(axis=1)
     end = np.where(last >= 0.0, 1.0, np.where(first >= 0.0, crossing, -np.inf)).min(axis=1)
     inside = np.flatnonzero(start <= end)
-    at = 0.5 * (start[inside] + end[inside])
-    middle = (1.0 - at)[:, None] * weights[inside, 0] + at[:, None] * weights[inside, -1]
-    return point[inside], at, middle, tetrahedra[which[inside]]
+    halfway = 0.5 * (start[inside] + end[inside])
+    middle = (1.0 - halfway)[:, None] * weights[inside, 0] + halfway[:, None] * weights[inside, -1]
+    return point[inside], halfway, middle, tetrahedra[which[inside]]
 
 
 def depths_below(

@@ -47,12 +47,12 @@ def _element(corners: int, degree: int) -> tuple[Any, IntArray]:
     return element, np.argsort(cpp.io.perm_vtk(kind, len(element.points)))
 
 
-def facet_functions(corners: int, degree: int, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def facet_functions(corners: int, degree: int, local: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The functions of a facet at reference points (q, 2), and their derivatives along both axes, shapes (q, n)."""
     element, order = _element(corners, degree)
-    if not len(at):  # of which basix 0.5 aborts the process
+    if not len(local):  # of which basix 0.5 aborts the process
         return (np.empty((0, len(order))),) * 3
-    values, along_r, along_s = element.tabulate(1, at)[:, :, order, 0]
+    values, along_r, along_s = element.tabulate(1, local)[:, :, order, 0]
     return values, along_r, along_s
 
 
@@ -73,10 +73,10 @@ def facet_rule(corners: int, degree: int, finer: int = 1) -> tuple[FloatArray, F
     if corners == 3:
         diagonal = corner.sum(axis=(1, 2))
         parts = np.concatenate([parts[diagonal < cells], (corner + 1 - inner)[diagonal < cells - 1]])
-    at = parts.reshape(-1, 2) / cells
-    r, s = (at > 0.5).T
-    pieces = ([r, s, at.sum(axis=1) > 0.5], [1, 2, 3]) if corners == 3 else ([r & s, r, s], [2, 1, 3])
-    return at, np.tile(size, len(parts)) / cells**2, np.select(*pieces, 0).astype(np.int64) * (degree == 2)
+    local = parts.reshape(-1, 2) / cells
+    r, s = (local > 0.5).T
+    pieces = ([r, s, local.sum(axis=1) > 0.5], [1, 2, 3]) if corners == 3 else ([r & s, r, s], [2, 1, 3])
+    return local, np.tile(size, len(parts)) / cells**2, np.select(*pieces, 0).astype(np.int64) * (degree == 2)
 
 
 PIECES: Final = {
@@ -144,8 +144,8 @@ class Facets:
         _, along_r, along_s = facet_functions(self.corners, self.degree, reference_nodes(self.corners, 1))
         n = unit_vectors(self.sign[:, None, None] * np.cross(along_r @ self.x, along_s @ self.x))
         np.add.at(means, corner, n)
-        found: FloatArray = np.linalg.norm(unit_vectors(means)[corner] - n, axis=2)
-        return found.max(axis=1, initial=0.0)
+        turn: FloatArray = np.linalg.norm(unit_vectors(means)[corner] - n, axis=2)
+        return turn.max(axis=1, initial=0.0)
 
     @cached_property
     def bent(self) -> FloatArray:
@@ -245,7 +245,7 @@ _NEAR: Final = 4.0
 
 
 def opposite(
-    slave: Facets, master: Facets, facet: IntArray, at: FloatArray, piece: IntArray
+    slave: Facets, master: Facets, facet: IntArray, local: FloatArray, piece: IntArray
 ) -> tuple[FloatArray, Hits]:
     """Lines along the normals of some slave facets (f,), ascending, of second order those of the pieces (q,) on which
     their reference points (q, 2) are, shape (f, q, 3), and where these f q lines meet the master.
@@ -254,14 +254,14 @@ def opposite(
     facets beside it, by more than `_LEVEL` and `_STEP` explain.
     """
     near = _beside(slave, facet)
-    along, found = _lines(slave, master, near, at, piece)
+    along, found = _lines(slave, master, near, local, piece)
     met = np.isfinite(found.way)
     lines, ways = along.reshape(-1, 3)[met], np.abs(found.way[met])
     if np.max(ways, initial=0.0) > _LEVEL * min(np.min(of.width, initial=np.inf) for of in (slave, master)):
-        own, there = np.repeat(near, len(at))[met], found.facet[met]
+        own, there = np.repeat(near, len(local))[met], found.facet[met]
         normals = master.normal[there]
         cosine = np.einsum("ki,ki->k", lines, normals)[:, None]
-        low, high = _levels(slave, near, master)[:, np.repeat(np.arange(len(near)), len(at))[met]]
+        low, high = _levels(slave, near, master)[:, np.repeat(np.arange(len(near)), len(local))[met]]
         rises = _STEP * _rises(slave.x[own], (normals - cosine * lines) / cosine**2)
         gone, heights = (ways < low - rises) | (ways > high + rises), np.abs(cosine[:, 0]) * ways
         far = heights > _LEVEL * master.width[there]
@@ -273,7 +273,7 @@ def opposite(
         lost = np.flatnonzero(met)[gone]
         found.facet[lost], found.way[lost] = -1, np.inf
     given = np.isin(near, facet)
-    chosen = np.repeat(given, len(at))
+    chosen = np.repeat(given, len(local))
     return along[given], Hits(found.facet[chosen], found.place[chosen], found.way[chosen])
 
 
@@ -282,15 +282,15 @@ def _beside(face: Facets, facet: IntArray) -> IntArray:
     return np.flatnonzero(np.any(np.isin(face.nodes, face.nodes[facet]), axis=1))
 
 
-def _lines(face: Facets, other: Facets, facet: IntArray, at: FloatArray, piece: IntArray) -> tuple[FloatArray, Hits]:
+def _lines(face: Facets, other: Facets, facet: IntArray, local: FloatArray, piece: IntArray) -> tuple[FloatArray, Hits]:
     """`opposite`, with all that lines meet."""
-    x, along = face.x[facet], np.repeat(face.normal[facet][:, None], len(at), axis=1)
+    x, along = face.x[facet], np.repeat(face.normal[facet][:, None], len(local), axis=1)
     if face.degree == 2:
         along = unit_vectors(face.sign[facet, None, None] * plane_vectors(x[:, PIECES[face.corners]]))[:, piece]
     depth, reach = 0.25 * min(face.extent, other.extent), face.extent + other.extent
     if len(face) and len(other):
         reach += float(np.min(np.linalg.norm(other.middle - face.middle[0], axis=1)))
-    start = (facet_functions(face.corners, face.degree, at)[0] @ x).reshape(-1, 3)
+    start = (facet_functions(face.corners, face.degree, local)[0] @ x).reshape(-1, 3)
     return along, hits(start, along.reshape(-1, 3), other, depth, reach)
 
 
@@ -334,7 +334,7 @@ def off_linear(
     (m,); beyond the chords of the face, and of that of the points, with `kink` (m,) there.  It is 0 where nothing is
     opposite before, and the way along the face, if that is more than a facet, where nothing is opposite after it; not
     collective."""
-    found, moved, far = np.zeros(len(x)), replace(face, x=face.x + there), 0.25 * face.extent
+    error, moved, far = np.zeros(len(x)), replace(face, x=face.x + there), 0.25 * face.extent
     before, after = (hits(at, n, of, far, 4.0 * far) for at, of in ((x, face), (x + u, moved)))
     met = np.flatnonzero(before.facet >= 0)
     facet, opposite = before.facet[met], np.zeros((len(met), 3))
@@ -347,8 +347,8 @@ def off_linear(
     off = after.way[met] - before.way[met] + closed
     explained = (face.kink[facet] + kink[met]) * np.minimum(slip, 0.5 * face.radius[facet])
     off = np.sign(off) * np.maximum(np.abs(off) - explained, 0.0)
-    found[met] = np.where(after.facet[met] >= 0, off, np.where(slip > face.radius[facet], slip, 0.0))
-    return found
+    error[met] = np.where(after.facet[met] >= 0, off, np.where(slip > face.radius[facet], slip, 0.0))
+    return error
 
 
 def _meet(
@@ -387,7 +387,7 @@ def _meet(
 
 
 def _keep_nearest(
-    found: Hits,
+    nearest: Hits,
     line: IntArray,
     facet: IntArray,
     place: FloatArray,
@@ -402,9 +402,9 @@ def _keep_nearest(
     order = np.lexsort((np.abs(way), line))
     line, first = np.unique(line[order], return_index=True)
     best = order[first]
-    nearer = np.abs(way[best]) < np.abs(found.way[line])
+    nearer = np.abs(way[best]) < np.abs(nearest.way[line])
     line, best = line[nearer], best[nearer]
-    found.facet[line], found.place[line], found.way[line] = facet[best], place[best], way[best]
+    nearest.facet[line], nearest.place[line], nearest.way[line] = facet[best], place[best], way[best]
 
 
 def crossed(slave: Facets, chosen: IntArray, master: Facets, met: IntArray) -> BoolArray:
@@ -457,12 +457,12 @@ def opposite_nodes(slave: Facets, master: Facets, node: IntArray) -> tuple[IntAr
     places and unit normals (m, 3); not collective."""
     columns = np.arange(3 if slave.nodes.shape[1] == 6 else slave.nodes.shape[1])
     facet = np.flatnonzero(np.any(np.isin(slave.nodes[:, columns], node), axis=1))
-    at, weights, piece = facet_rule(slave.corners, slave.degree, finer(slave, master))
+    local, weights, piece = facet_rule(slave.corners, slave.degree, finer(slave, master))
     x, sign = slave.x[facet], slave.sign[facet]
-    _, along_r, along_s = facet_functions(slave.corners, slave.degree, at)
+    _, along_r, along_s = facet_functions(slave.corners, slave.degree, local)
     vectors = sign[:, None, None] * np.cross(along_r @ x, along_s @ x)
-    there = opposite(slave, master, facet, at, piece)[1].facet.reshape(len(facet), len(at)) >= 0
-    hats = facet_functions(slave.corners, 1 if len(columns) == 3 else slave.degree, at)[0]
+    there = opposite(slave, master, facet, local, piece)[1].facet.reshape(len(facet), len(local)) >= 0
+    hats = facet_functions(slave.corners, 1 if len(columns) == 3 else slave.degree, local)[0]
     sizes = np.linalg.norm(vectors, axis=2) * weights
     sums = np.concatenate(
         [
@@ -472,10 +472,10 @@ def opposite_nodes(slave: Facets, master: Facets, node: IntArray) -> tuple[IntAr
         ],
         axis=2,
     )  # (f, columns, 8)
-    nodes, found = slave.nodes[facet][:, columns], np.zeros((len(node), 8))
+    nodes, of_node = slave.nodes[facet][:, columns], np.zeros((len(node), 8))
     f, k = np.nonzero(np.isin(nodes, node))
     row = rows_of(node, nodes[f, k])
-    np.add.at(found, row, sums[f, k])
-    found[row, 5:] = sums[f, k, 5:]
-    chosen = np.flatnonzero(found[:, 0] > _OPPOSITE * found[:, 1])
-    return chosen, found[chosen, 5:], unit_vectors(found[chosen, 2:5])
+    np.add.at(of_node, row, sums[f, k])
+    of_node[row, 5:] = sums[f, k, 5:]
+    chosen = np.flatnonzero(of_node[:, 0] > _OPPOSITE * of_node[:, 1])
+    return chosen, of_node[chosen, 5:], unit_vectors(of_node[chosen, 2:5])

@@ -272,8 +272,8 @@ class ContactPoints:
         the smallest of them, or than 0 if none is negative: what does not overlap has no interference.  Collective."""
         if self.nodal:
             return values[self.nodes]
-        comm, (nodes, at) = self.space.comm, np.unique(self.weights.indices, return_inverse=True)
-        there = fetched(comm, starts_of(comm, self.space.numbering.local), nodes.astype(np.int64), values)[at]
+        comm, (nodes, place) = self.space.comm, np.unique(self.weights.indices, return_inverse=True)
+        there = fetched(comm, starts_of(comm, self.space.numbering.local), nodes.astype(np.int64), values)[place]
         return bounded_gap(self.average(values), self.weights, there)
 
     def opposite_average(self, values: FloatArray) -> FloatArray | None:
@@ -345,9 +345,9 @@ def among_all(weights: scipy.sparse.csr_matrix, member: Member, whole: Deformabl
     """Weights of the nodes of one body (m, its nodes) as weights of the nodes of all bodies."""
     columns = whole.numbers_of(member, weights.indices.astype(np.int64))
     shape = (weights.shape[0], whole.numbering.total)
-    found = scipy.sparse.csr_matrix((weights.data, columns, weights.indptr), shape=shape)
-    found.sort_indices()
-    return found
+    matrix = scipy.sparse.csr_matrix((weights.data, columns, weights.indptr), shape=shape)
+    matrix.sort_indices()
+    return matrix
 
 
 def contact_points(space: DisplacementSpace, facets: Int32Array) -> ContactPoints:
@@ -420,10 +420,10 @@ def _integrals(space: DisplacementSpace, facets: Int32Array, by_nodes: bool) -> 
     """Of every facet at a vertex of this rank the vertex, the integrals of its psi_j against the functions of the
     facet's nodes, or against 1, and these nodes, (f,), (f, nodes) or (f, 1), (f, nodes); collective."""
     patch = facet_patch(space, facets)
-    at, size = patch.kind.rule(_DEGREE)
-    values = np.stack(patch.kind.values(at[:, 0], at[:, 1]))
-    sizes = size * np.linalg.norm(patch.area_vectors(at), axis=2)
-    against = values if by_nodes else np.ones((1, len(at)))
+    local, size = patch.kind.rule(_DEGREE)
+    values = np.stack(patch.kind.values(local[:, 0], local[:, 1]))
+    sizes = size * np.linalg.norm(patch.area_vectors(local), axis=2)
+    against = values if by_nodes else np.ones((1, len(local)))
     integrals = np.einsum("fq,jq,nq->fjn", sizes, FUNCTIONS @ patch.kind.vertex_functions @ values, against)
     vertex = patch.nodes[:, :3].ravel()
     exchange = Exchange(space.comm, owner_of(starts_of(space.comm, space.numbering.local), vertex))

@@ -24,12 +24,12 @@ _CREASE: Final = 0.9
 
 def _along(surface: RigidFoundation, start: FloatArray, along: FloatArray, way: float) -> FloatArray:
     """Way in metres from points (q, 3) along unit vectors to a surface, shape (q,), by Newton's method."""
-    found = np.full(len(start), way)
+    height = np.full(len(start), way)
     for _ in range(6 if len(start) else 0):
-        x = start + found[:, None] * along
+        x = start + height[:, None] * along
         slope = np.einsum("qi,qi->q", surface.normal(x), along)
-        found = found - surface.signed_distance(x) / np.where(np.abs(slope) < 0.1, np.copysign(0.1, slope), slope)
-    return found
+        height = height - surface.signed_distance(x) / np.where(np.abs(slope) < 0.1, np.copysign(0.1, slope), slope)
+    return height
 
 
 def risen(
@@ -37,7 +37,7 @@ def risen(
     surface: RigidFoundation | None,
     held: FloatArray | None,
     facet: IntArray,
-    at: FloatArray,
+    local: FloatArray,
     x: FloatArray,
     along: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
@@ -59,7 +59,7 @@ def risen(
     n = unit_vectors(means)
     slant = np.max(1.0 - np.einsum("qki,qi->qk", n[facet], along) ** 2, axis=1)
     if isinstance(surface, CurvedFaces):
-        rise = np.einsum("qi,qi->q", surface.bulges(face.x[:, : face.corners], facet, at), along)
+        rise = np.einsum("qi,qi->q", surface.bulges(face.x[:, : face.corners], facet, local), along)
         return rise, _SLANT * slant * np.abs(rise)
     if surface is not None:
         rise = _along(surface, x, along, 0.0)
@@ -69,9 +69,9 @@ def risen(
     across = np.zeros_like(n) if held is None else np.einsum("fkij,fkj->fki", held[:, : face.corners], n)
     symmetric = (face.rim | np.roll(face.rim, 1, axis=1)) & (np.linalg.norm(across, axis=2) < 0.5)
     away = face.x[facet][:, : face.corners] - x[:, None]
-    found = []
+    heights = []
     for normals in (n, unit_vectors(np.where(symmetric[:, :, None], n - across, n))):
         each = np.einsum("qki,qki->qk", away, normals[facet])
-        bulge = 0.5 * np.einsum("qk,qk,qki,qi->q", at, each, normals[facet], along)
-        found.append(np.where(creased[facet], 0.0, bulge))
-    return found[1], np.abs(found[1] - found[0]) + _SLANT * slant * np.abs(found[1])
+        bulge = 0.5 * np.einsum("qk,qk,qki,qi->q", local, each, normals[facet], along)
+        heights.append(np.where(creased[facet], 0.0, bulge))
+    return heights[1], np.abs(heights[1] - heights[0]) + _SLANT * slant * np.abs(heights[1])

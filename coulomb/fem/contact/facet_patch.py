@@ -82,13 +82,13 @@ def _newton_inverse(kind: FacetKind, x: FloatArray, p: FloatArray, start: FloatA
     r, s = (np.broadcast_to(start[:, i, None], p.shape[:2]).copy() for i in (0, 1))
 
     def combined(functions: Sequence[Any]) -> _Components:
-        at = np.stack([np.broadcast_to(values, r.shape) for values in functions], axis=2) @ plane
-        return at[:, :, 0], at[:, :, 1]
+        point = np.stack([np.broadcast_to(values, r.shape) for values in functions], axis=2) @ plane
+        return point[:, :, 0], point[:, :, 1]
 
     with np.errstate(all="ignore"):
         for _ in range(_NEWTON_STEPS):
-            at, (along_r, along_s) = combined(kind.values(r, s)), map(combined, kind.slopes(r, s))
-            dr, ds = _solutions(along_r, along_s, p[:, :, 0] - at[0], p[:, :, 1] - at[1])
+            point, (along_r, along_s) = combined(kind.values(r, s)), map(combined, kind.slopes(r, s))
+            dr, ds = _solutions(along_r, along_s, p[:, :, 0] - point[0], p[:, :, 1] - point[1])
             r, s = r + dr, s + ds
             if max(np.max(np.abs(dr), initial=0.0), np.max(np.abs(ds), initial=0.0)) < _SETTLED:
                 return r, s

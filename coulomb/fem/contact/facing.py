@@ -73,8 +73,8 @@ def near(bodies: Sequence[Facets], reach: FloatArray, comm: MPI.Comm) -> list[Bo
     """
     every = [of.of_all_ranks(comm) for of in bodies]
     ends = [(of.low.min(axis=0, initial=np.inf), of.high.max(axis=0, initial=-np.inf)) for of in every]
-    found: list[BoolArray] = [np.zeros((len(of.n), 2), dtype=bool) for of in bodies]
-    for part, (of, flags) in enumerate(zip(bodies, found, strict=True)):
+    flags_of: list[BoolArray] = [np.zeros((len(of.n), 2), dtype=bool) for of in bodies]
+    for part, (of, flags) in enumerate(zip(bodies, flags_of, strict=True)):
         facet, against = of.facing(every[part], reach)
         use = ~np.any(of.nodes[facet, :, None] == every[part].nodes[against, None], axis=(1, 2))
         facet, against = facet[use], against[use]
@@ -87,5 +87,5 @@ def near(bodies: Sequence[Facets], reach: FloatArray, comm: MPI.Comm) -> list[Bo
                 flags[of.facing(every[other], reach)[0], 1] = True
             elif other > part:  # both sides at once
                 facet, against = of.facing(every[other], reach)
-                flags[facet, 1] = found[other][against, 1] = True
-    return found
+                flags[facet, 1] = flags_of[other][against, 1] = True
+    return flags_of

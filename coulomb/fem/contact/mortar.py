@@ -80,15 +80,15 @@ def multipliers(slave: FacetPatch, parts: Segments) -> FloatArray:
     kind = slave.kind
     count = len(slave.multiplier_columns)
     span = np.eye(kind.width) if kind.width != 6 else kind.vertex_functions
-    found = np.zeros((len(slave), count, kind.width))
-    found[parts.share > _LEAST_COVERED, : kind.corners] = kind.vertex_functions
+    functions = np.zeros((len(slave), count, kind.width))
+    functions[parts.share > _LEAST_COVERED, : kind.corners] = kind.vertex_functions
     full = parts.share > LEAST_DUAL
     mass = span @ parts.mass[full] @ span.T
     sizes = mass.sum(axis=2)
-    found[full] = sizes[:, :, None] * np.linalg.solve(mass, np.broadcast_to(span, (len(mass), *span.shape)))
+    functions[full] = sizes[:, :, None] * np.linalg.solve(mass, np.broadcast_to(span, (len(mass), *span.shape)))
     if kind.width == 6:
-        found[full] += _halfway(slave, parts.chord)[full, None, None] * (span - found[full])
-    return found
+        functions[full] += _halfway(slave, parts.chord)[full, None, None] * (span - functions[full])
+    return functions
 
 
 def _halfway(slave: FacetPatch, chord: FloatArray) -> FloatArray:
@@ -118,7 +118,7 @@ class SlaveFunctions:
 
 
 def slave_functions(
-    slave: FacetPatch, nodes: IntArray, found: FloatArray, sizes: FloatArray, left_out: BoolArray
+    slave: FacetPatch, nodes: IntArray, multipliers: FloatArray, sizes: FloatArray, left_out: BoolArray
 ) -> SlaveFunctions:
     """The functions of all nodes but some, whose functions are added to others: the sum of all stays 1.
 
@@ -134,8 +134,8 @@ def slave_functions(
     own = np.flatnonzero(covered & ~np.all(gone, axis=1))
     weight = np.where(gone[own], 0.0, sizes[own])
     weight /= weight.sum(axis=1, keepdims=True)
-    given = np.where(gone[own][:, :, None], found[own], 0.0).sum(axis=1, keepdims=True)
-    kept = np.where(gone[own][:, :, None], 0.0, found[own] + weight[:, :, None] * given)
+    given = np.where(gone[own][:, :, None], multipliers[own], 0.0).sum(axis=1, keepdims=True)
+    kept = np.where(gone[own][:, :, None], 0.0, multipliers[own] + weight[:, :, None] * given)
     row, j = np.nonzero(~gone[own])
     bare = np.flatnonzero(covered & np.all(gone, axis=1))
     standing = np.zeros(slave.size, dtype=bool)
@@ -271,16 +271,16 @@ def mortar_rows(
     slave = slave.only(near)
     parts = segments(slave, master, search.depth, search.reach, most)
     nodes = slave.nodes[:, slave.multiplier_columns]
-    found = multipliers(slave, parts)
+    dual = multipliers(slave, parts)
     mass = parts.mass.sum(axis=2)
     gone = np.zeros(slave.size, dtype=bool)
     if left_out is not None:
         gone[left_out] = True
     hats = slave.whole @ slave.kind.vertex_functions.T if slave.kind.width == 6 else slave.whole
     whole = nodal_sums(nodes, hats, slave.size)
-    sizes = np.einsum("fjn,fn->fj", found, mass)
+    sizes = np.einsum("fjn,fn->fj", dual, mass)
     weak = weak_nodes(nodes, sizes, whole, gone)
-    functions = slave_functions(slave, nodes, found, sizes, gone | weak)
+    functions = slave_functions(slave, nodes, dual, sizes, gone | weak)
     return _rows(slave, master, parts, functions, owned, whole, weak, interpolated and slave.kind.degree == 1)
 
 

@@ -35,10 +35,10 @@ def clipped(subject: FloatArray, window: FloatArray) -> tuple[FloatArray, IntArr
     pairs, ascending: subjects (p, a, 2) of either orientation, windows (p, b, 2) counterclockwise.  A part with fewer
     corners ends with copies of its first one."""
     parts, pairs = [], []
-    for at in np.array_split(np.arange(len(subject)), len(subject) // _PAIRS + 1):
-        part, left = _clip(subject[at], window[at])
+    for chunk in np.array_split(np.arange(len(subject)), len(subject) // _PAIRS + 1):
+        part, left = _clip(subject[chunk], window[chunk])
         parts.append(part)
-        pairs.append(at[left])
+        pairs.append(chunk[left])
     return np.concatenate(parts), np.concatenate(pairs)
 
 
@@ -194,16 +194,16 @@ def common_parts(cells: Cells, others: Cells, depth: float, reach: float) -> Par
     """The common parts of all slave cells with the master cells up to `depth` behind them and `reach` before them,
     metres."""
     chunks = np.array_split(np.arange(len(cells.facet)), len(cells.facet) // _CELLS + 1)
-    found = [_parts_of(at, cells, others, depth, reach) for at in chunks]
+    found = [_parts_of(chunk, cells, others, depth, reach) for chunk in chunks]
     return Parts(*(np.concatenate([getattr(part, field.name) for part in found]) for field in fields(Parts)))
 
 
-def _parts_of(at: IntArray, cells: Cells, others: Cells, depth: float, reach: float) -> Parts:
-    line, other = others.tree.before(cells.centre[at], cells.radius[at], cells.frames[at, 2], depth, reach)
-    one = at[line]
+def _parts_of(chunk: IntArray, cells: Cells, others: Cells, depth: float, reach: float) -> Parts:
+    line, other = others.tree.before(cells.centre[chunk], cells.radius[chunk], cells.frames[chunk, 2], depth, reach)
+    one = chunk[line]
     cosine = np.einsum("ki,ki->k", cells.frames[one, 2], others.area_vector[other]) / others.area[other]
     line, one, other = (values[cosine < FACING] for values in (line, one, other))
-    window = cells.seen(at, cells.corners[at])[:, :, :2]
+    window = cells.seen(chunk, cells.corners[chunk])[:, :, :2]
     low, high = window.min(axis=1, initial=np.inf)[line], window.max(axis=1, initial=-np.inf)[line]
     subject = cells.seen(one, others.corners[other])
     meets = np.all(subject[:, :, :2].min(axis=1) < high, axis=1) & np.all(subject[:, :, :2].max(axis=1) > low, axis=1)

@@ -79,13 +79,13 @@ class Segments:
         """The same of partly covered facets, 0 of others, by functions (c, n) that are linear: what is left of the
         distance without its linear part in the mean, of s (h - s)/(2 R) 3.35 times less than h^2/(8 R), for all of the
         facet, to which averages continue it; metres, shape (f,)."""
-        found, area = np.zeros(len(self.share)), self.mass.sum(axis=(1, 2))
+        bend, area = np.zeros(len(self.share)), self.mass.sum(axis=(1, 2))
         part = np.flatnonzero((self.share > _LEAST_BENT) & ~(np.all(self.reached, axis=1) & (self.share > 0.999)))
         inverse = np.linalg.pinv(linear @ self.mass[part] @ linear.T, 1e-10, hermitian=True)
         ways = linear @ self.separation[part]
         rest = self.square[part] - np.einsum("fik,fij,fjk->f", ways, inverse, ways)
-        found[part] = 3.35 * np.sqrt(np.maximum(rest, 0.0) / area[part]) / self.share[part] ** 2
-        return found
+        bend[part] = 3.35 * np.sqrt(np.maximum(rest, 0.0) / area[part]) / self.share[part] ** 2
+        return bend
 
 
 def segments(slave: FacetPatch, master: FacetPatch, depth: float, reach: float, most: Most | None = None) -> Segments:
@@ -116,11 +116,11 @@ class _Integrals:
         mass, vectors, least = np.zeros((facets, n, n)), np.zeros((facets, n, 7)), np.full(facets, np.inf)
         corners = np.zeros((facets, self._slave.kind.corners, 4))
         rows, columns, entries = [], [], []
-        for at, straight, rule in self._chunks(parts):
-            part, triangle = _triangles(parts.polygon[at])
+        for chunk, straight, rule in self._chunks(parts):
+            part, triangle = _triangles(parts.polygon[chunk])
             if not len(part):
                 continue
-            one, other = parts.slave[at][part], parts.master[at][part]
+            one, other = parts.slave[chunk][part], parts.master[chunk][part]
             products, distance = self._products(one, other, triangle, straight, rule)
             np.minimum.at(least, self._cells.facet[one], distance.min(axis=1))
             self._add_corners(corners, one, triangle, distance[:, -3:])
@@ -167,8 +167,8 @@ class _Integrals:
             least = limit
             rule = _with_corners(*FacetKind(3, 1).rule(self._degree + more))
             size = max(1, _POINTS // (len(rule[1]) * (parts.polygon.shape[1] - 2)))
-            for at in np.split(chosen, range(size, len(chosen), size)):
-                yield at, more == 0, rule
+            for chunk in np.split(chosen, range(size, len(chosen), size)):
+                yield chunk, more == 0, rule
 
     def _products(
         self, one: IntArray, other: IntArray, triangle: FloatArray, straight: bool, rule: tuple[FloatArray, FloatArray]

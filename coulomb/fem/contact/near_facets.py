@@ -93,18 +93,18 @@ class FaceSamples:
         along = np.arange(_STEPS + 1) * step
         offsets = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
         grid = np.array([(i, j) for i in along for j in along])
-        at: FloatArray = np.broadcast_to(grid, (len(x), *grid.shape))
+        local: FloatArray = np.broadcast_to(grid, (len(x), *grid.shape))
         for _ in range(_HALVINGS + 1):
             if self.kind.corners == 3:
-                at = at / np.maximum(at.sum(axis=2), 1.0)[:, :, None]
-            functions = np.stack(self.kind.values(at[..., 0], at[..., 1]))
+                local = local / np.maximum(local.sum(axis=2), 1.0)[:, :, None]
+            functions = np.stack(self.kind.values(local[..., 0], local[..., 1]))
             before, way = (np.einsum("nfq,fni->fqi", functions, of) for of in (x, u))
-            values = distance((before + way).reshape(-1, 3)).reshape(at.shape[:2])
+            values = distance((before + way).reshape(-1, 3)).reshape(local.shape[:2])
             if np.any(given):
                 values = values + np.einsum("nfq,fn->fq", functions, on_nodes)
             best = np.argmin(values, axis=1)[:, None]
             step *= 0.5
-            at = np.clip(np.take_along_axis(at, best[:, :, None], axis=1) + step * offsets, 0.0, 1.0)
+            local = np.clip(np.take_along_axis(local, best[:, :, None], axis=1) + step * offsets, 0.0, 1.0)
         return np.take_along_axis(values, best, axis=1)[:, 0]
 
 
@@ -203,9 +203,9 @@ def near_pair(
     def most(values: FloatArray) -> FloatArray:
         to = Exchange(comm, owner_of(starts[1], opposite.numbers))
         node, rows = to.send(opposite.numbers) - starts[1][comm.rank], to.send(values)
-        found = np.full((nodes[1], values.shape[1]), -np.inf)
-        np.maximum.at(found, node, rows)
-        return to.reply(found[node])
+        largest = np.full((nodes[1], values.shape[1]), -np.inf)
+        np.maximum.at(largest, node, rows)
+        return to.reply(largest[node])
 
     return NearPair(around, opposite, (int(own[0]), int(own[1])), search, size, extent, most)
 
@@ -263,9 +263,9 @@ def _around(rows: Rows, starts: IntArray, comm: MPI.Comm) -> Rows:
     mine = np.flatnonzero((table["nodes"].ravel() >= first) & (table["nodes"].ravel() < last))
     order = mine[np.argsort(table["nodes"].ravel()[mine], kind="stable")]
     node, of_node = table["nodes"].ravel()[order], order // table["nodes"].shape[1]
-    found, asked = table, np.empty(0, dtype=np.int64)
+    around, asked = table, np.empty(0, dtype=np.int64)
     for _ in range(RINGS):
-        seen = np.unique(found["nodes"])
+        seen = np.unique(around["nodes"])
         seen = seen[(seen < first) | (seen >= last)]
         new, asked = np.setdiff1d(seen, asked), seen
         ask = Exchange(comm, owner_of(starts, new))
@@ -275,9 +275,9 @@ def _around(rows: Rows, starts: IntArray, comm: MPI.Comm) -> Rows:
         at = np.arange(int(count.sum())) + np.repeat(begin - np.cumsum(count) + count, count)
         facet, source = _distinct_pairs(of_node[at], np.repeat(ask.sources, count)[:, None])
         more = Exchange(comm, source).send(table[facet])
-        _, once = np.unique(np.concatenate([found["key"], more["key"]]), return_index=True)
-        found = np.concatenate([found, more])[once]
-    return found
+        _, once = np.unique(np.concatenate([around["key"], more["key"]]), return_index=True)
+        around = np.concatenate([around, more])[once]
+    return around
 
 
 def _distinct_pairs(facet: IntArray, ranks: IntArray) -> tuple[IntArray, IntArray]:
@@ -295,14 +295,14 @@ def _before(near: FacetPatch, master: FacetPatch, rows: Rows, search: Search, co
     if len(others.facet):
         direction = others.area_vector / np.maximum(others.area, 1e-300)[:, None]
         centre, radius = _sphere(others.centre, others.radius)
-        found = []
+        by_rank = []
         for number in np.flatnonzero(_meets(centre, np.array(radius), cone, search)):
             axis, angle = cone[number, 4:7], cone[number, 7]
             hit = _meets(others.centre, others.radius, cone[number], search)
             hit &= np.arccos(np.clip(direction @ axis, -1.0, 1.0)) > np.arccos(FACING) - angle - 1e-6
             facet = np.unique(others.facet[hit])
-            found.append(np.column_stack([np.full(len(facet), rank_of[number]), facet]))
-        pairs = np.unique(np.concatenate([pairs, *found]), axis=0)
+            by_rank.append(np.column_stack([np.full(len(facet), rank_of[number]), facet]))
+        pairs = np.unique(np.concatenate([pairs, *by_rank]), axis=0)
     there = Exchange(comm, pairs[:, 0]).send(rows[pairs[:, 1]])
     return there[np.argsort(there["key"])]
 

@@ -142,19 +142,19 @@ class Surface:
         """Which of this rank's cells of a body are `BodyBoundary.under` each of these faces, shape (c, pairs)."""
         body = self._bodies[number]
         none = np.zeros(len(body.numbers), dtype=bool)
-        found = [body.under(facets) if part == number else none for part, facets in faces]
-        return np.stack(found, axis=1) if found else none[:, None][:, :0]
+        under = [body.under(facets) if part == number else none for part, facets in faces]
+        return np.stack(under, axis=1) if under else none[:, None][:, :0]
 
     def _normals_on(self, face: Face) -> FloatArray:
         """Mean normals of a face at this rank's nodes, 0 off it, shape (k, 3); collective."""
         part, facets = face
-        body, comm, found = self._bodies[part], self._comm, np.zeros((self._ends[-1], 3))
+        body, comm, normals = self._bodies[part], self._comm, np.zeros((self._ends[-1], 3))
         on = np.isin(body.facet, facets)
         nodes, vectors = body.patch.nodes[on], body.patch.middle_vectors[on]
         to = Exchange(comm, owner_of(body.starts, nodes.ravel()))
         node, vector = to.send(nodes.ravel()), to.send(np.repeat(vectors, nodes.shape[1], axis=0))
-        found[self._own(part)] = mean_normals(node - body.starts[comm.rank], vector, len(self._parts[part].body.x))
-        return found
+        normals[self._own(part)] = mean_normals(node - body.starts[comm.rank], vector, len(self._parts[part].body.x))
+        return normals
 
     def _own(self, part: int) -> slice:
         """This rank's nodes of a body among those of all."""
@@ -203,10 +203,10 @@ class Surface:
         near = near_facets(facets, -2.0 * (low + high), self._comm)
         made = [body.points(k, now[k].rows, near[k], bool(obstacles)) for k, body in enumerate(self._bodies)]
         points = np.concatenate(made)
-        found = [self._in_bodies(rows, now, points, gaps, large)]
-        stopped = self._stopped(component, [one.face for one in obstacles])
-        found += [self._in_obstacle(points, one, on, large) for one, on in zip(obstacles, stopped, strict=True)]
-        return max(found, key=lambda one: one.depth / one.approach if one else 0.0)
+        candidates = [self._in_bodies(rows, now, points, gaps, large)]
+        stopped = self._stopped(component, [obstacle.face for obstacle in obstacles])
+        candidates += [self._in_obstacle(points, one, on, large) for one, on in zip(obstacles, stopped, strict=True)]
+        return max(candidates, key=lambda one: one.depth / one.approach if one else 0.0)
 
     def _now(self, rows: FloatArray, part: int) -> _Now:
         patch = self._bodies[part].patch
@@ -272,12 +272,12 @@ class Surface:
     def _vectors_of(self, hits: Rows, now: Sequence[_Now]) -> FloatArray:
         """The outward vectors after deformation of all facets that hits are on, and the mean normal of these, which is
         that of a sharp edge, shape (h, most, 3), 0 where there are fewer; collective."""
-        found = []
+        of_points = []
         for part, body in enumerate(self._bodies):
             of = np.flatnonzero(hits["part"] == part)
             point, row = body.facets_with(hits["nodes"][of])
-            found.append(np.column_stack([of[point], now[part].vectors[row]]))
-        every = np.concatenate([one for ranks in self._comm.allgather(found) for one in ranks])
+            of_points.append(np.column_stack([of[point], now[part].vectors[row]]))
+        every = np.concatenate([one for ranks in self._comm.allgather(of_points) for one in ranks])
         every = every[np.argsort(every[:, 0], kind="stable")]
         hit = every[:, 0].astype(np.int64)
         place = np.arange(len(hit)) - np.searchsorted(hit, hit)
@@ -319,7 +319,7 @@ class Surface:
         component and the place of the material there, if it has moved relative to them, and whether it can have come
         through a face alone out of which their contact keeps them; before deformation those in the component that they
         have."""
-        found = [points[0][:0]]
+        inside = [points[0][:0]]
         for part, (body, of, these) in enumerate(zip(self._bodies, cells, points, strict=True)):
             if not len(these):
                 continue
@@ -345,8 +345,8 @@ class Surface:
                         hits[name] += at[:, None, None] * (hits[name][:, 1:] - hits[name][:, :1])
                         hits[name][:, 1] = hits[name][:, 0]
                     hits = hits[_way(hits) > np.maximum(self._rounding, _noticed(hits))]
-                found.append(hits)
-        return _once(np.concatenate(found))
+                inside.append(hits)
+        return _once(np.concatenate(inside))
 
     def _depths(
         self, x: FloatArray, hits: Rows, vectors: FloatArray, now: Sequence[_Now]
@@ -390,13 +390,13 @@ class Surface:
             return set().union(*self._comm.allgather(here))
 
         joined, own = [components(*pair) for pair in self._sides], [components(face) for face in faces]
-        found = []
+        stopped = []
         for one in own:
             reached = set(one)
             for _ in joined:
                 reached = reached.union(*(pair for pair in joined if pair & reached))
-            found.append(np.isin(component, list(one | reached.difference(*own))))
-        return found
+            stopped.append(np.isin(component, list(one | reached.difference(*own))))
+        return stopped
 
     def _in_obstacle(self, points: Rows, one: Obstacle, stopped: BoolArray, large: bool) -> Overlap | None:
         """The largest overlap with a rigid foundation of what began outside of it, beside its contact face, of nodes
@@ -439,11 +439,11 @@ def _once(hits: Rows) -> Rows:
 
 def _apart(points: Rows, numbers: IntArray, part: int) -> BoolArray:
     """Which points (p,) have no node in common with the cell or facet of a body of these numbers (p, n)."""
-    found: BoolArray = points["part"] != part
-    mine = np.flatnonzero(~found)
+    apart: BoolArray = points["part"] != part
+    mine = np.flatnonzero(~apart)
     nodes = points["nodes"][mine]
-    found[mine] = ~np.any(nodes[:, :, None] == numbers[mine, None], axis=(1, 2))
-    return found
+    apart[mine] = ~np.any(nodes[:, :, None] == numbers[mine, None], axis=(1, 2))
+    return apart
 
 
 def _edges(points: Rows) -> BoolArray:
@@ -453,19 +453,19 @@ def _edges(points: Rows) -> BoolArray:
 
 def _with_an_end_in(hits: Rows) -> BoolArray:
     """Which of the hits are of edges of which a hit in the same component is an end, shape (h,)."""
-    found, ends = np.zeros(len(hits), dtype=bool), hits.copy()
+    ends_in, ends = np.zeros(len(hits), dtype=bool), hits.copy()
     ends["at"] = 0.5
     for column in hits["nodes"].T:
         ends["nodes"] = column[:, None]
-        found |= np.isin(_keys(ends), _keys(hits))
-    return found & _edges(hits)
+        ends_in |= np.isin(_keys(ends), _keys(hits))
+    return ends_in & _edges(hits)
 
 
 def _least(values: FloatArray, comm: MPI.Comm) -> FloatArray:
     """The least of all ranks, entry by entry; collective."""
-    found = np.array(values, dtype=np.float64)
-    comm.Allreduce(MPI.IN_PLACE, found, op=MPI.MIN)
-    return found
+    least = np.array(values, dtype=np.float64)
+    comm.Allreduce(MPI.IN_PLACE, least, op=MPI.MIN)
+    return least
 
 
 def _way(hits: Rows) -> FloatArray:
@@ -488,8 +488,8 @@ def _worst(depth: FloatArray, way: FloatArray, points: Rows, large: bool, comm: 
     largest = float(comm.allreduce(float(np.max(value, initial=0.0)), op=MPI.MAX))
     if largest < _LEAST:
         return None
-    found = []
+    candidates = []
     for k in np.flatnonzero(value >= (1.0 - _SAME) * largest):
         x, y, z = map(float, points["x"][k].mean(axis=0))
-        found.append(_Worst((x, y, z), comm.rank, int(k), float(depth[k]), float(approach[k])))
-    return min(one for ranks in comm.allgather(sorted(found)[:1]) for one in ranks)
+        candidates.append(_Worst((x, y, z), comm.rank, int(k), float(depth[k]), float(approach[k])))
+    return min(one for ranks in comm.allgather(sorted(candidates)[:1]) for one in ranks)

@@ -163,7 +163,7 @@ def planes_of_symmetry(n: FloatArray, held: FloatArray, nodes: IntArray, patch: 
     n (m, 3), projectors on the held directions, numbers of nodes, and the facets around them."""
     across = np.linalg.norm(np.einsum("mij,mj->mi", held, n), axis=1)
     chosen = np.flatnonzero((np.einsum("mii->m", held) > 0.5) & (across < _OBLIQUE))
-    found = np.zeros_like(held)
+    planes = np.zeros_like(held)
     row = np.full(patch.size, -1)
     row[nodes[chosen]] = np.arange(len(chosen))
     facet, corner = np.nonzero(row[patch.nodes] >= 0)
@@ -177,8 +177,8 @@ def planes_of_symmetry(n: FloatArray, held: FloatArray, nodes: IntArray, patch: 
     np.maximum.at(extent, at, np.abs(along).max(axis=(1, 2)))
     beyond = _BEYOND * extent[:, None]
     ends = np.any((sizes > 0.5) & ((lowest >= -beyond) | (highest <= beyond)), axis=1)
-    found[chosen[ends]] = held[chosen[ends]]
-    return found
+    planes[chosen[ends]] = held[chosen[ends]]
+    return planes
 
 
 def within(n: FloatArray, planes: FloatArray) -> FloatArray:
@@ -357,7 +357,7 @@ def pair_of(
     if slave.body is master.body:  # at the tip of a crack the two faces cannot part
         gone[np.intersect1d(on_face, body.nodes_of(on_master))] = True
     left_out = np.flatnonzero(fetched(comm, starts, near.slave.numbers, gone))
-    large = any(isinstance(one.body, NonlinearBody) for one in elasticity.members)
+    large = any(isinstance(member.body, NonlinearBody) for member in elasticity.members)
     rows = on_all_ranks(
         lambda: mortar_rows(on_one, on_other, near.owned, left_out, near.search, not large, near.most),
         f"contact face {face!r}",
@@ -445,32 +445,32 @@ def _remarks(
 ) -> tuple[str, ...]:
     dropped, layered, shared = comm.allreduce(np.array([len(rows.dropped), rows.layered, twice]))
     lost = float(comm.allreduce(rows.lost))
-    found = []
+    remarks = []
     if shared:
-        found.append(
+        remarks.append(
             f"{shared} of its nodes are contact points of another face or pair, and count there, not at {against!r}"
         )
     if dropped:
         share = f"less than {100 * LEAST_SHARE:.0f} % of their area"
-        found.append(f"{dropped} of its nodes have {share} opposite to {against!r} and are no contact points there")
+        remarks.append(f"{dropped} of its nodes have {share} opposite to {against!r} and are no contact points there")
     if lost > 0.0:
-        found.append(
+        remarks.append(
             f"{amount(lost, 'm²')} of it bear no contact force, since all nodes near are clamped: {against!r} can pass "
             "through there; end the clamp or the contact face before that part"
         )
     if layered:
-        found.append(f"{layered} of its facets have several layers of {against!r} before them: the nearest counts")
+        remarks.append(f"{layered} of its facets have several layers of {against!r} before them: the nearest counts")
     if uncertain > 0.0:
-        found.append(
+        remarks.append(
             f"if its facets or those of {against!r} stand for curved faces, they are up to {amount(uncertain)} off "
             "the curve, and gaps are uncertain by as much: use finer, second-order or matching meshes, or adjust"
         )
     if deepest > uncertain:
-        found.append(
+        remarks.append(
             f"it penetrates {against!r} by up to {amount(deepest)} before deformation, an interference; "
             "where coarse meshes of a curved face are the cause, refine them, or close it by adjust"
         )
-    return tuple(f"contact face {face!r}: {text}" for text in found)
+    return tuple(f"contact face {face!r}: {text}" for text in remarks)
 
 
 def numbered(rows: scipy.sparse.csr_matrix, face: NearFace, total: int) -> scipy.sparse.csr_matrix:

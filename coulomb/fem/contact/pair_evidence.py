@@ -168,16 +168,16 @@ class PairSamples:
         self._chosen, self._bare = chosen, bare[chosen]
         points, weights, piece = facet_rule(slave.corners, slave.degree, times * finer(slave, master))
         corners = reference_nodes(slave.corners, 1)  # are points as well, without weight
-        at = np.concatenate([points, corners])
+        local = np.concatenate([points, corners])
         piece = np.concatenate([piece, np.arange(len(corners))])  # the corner k is on the piece k
-        self._at = at
+        self._at = local
         self._inner, x, sign = len(points), slave.x[chosen], slave.sign[chosen]
-        values, along_r, along_s = facet_functions(slave.corners, slave.degree, at)
+        values, along_r, along_s = facet_functions(slave.corners, slave.degree, local)
         place = values @ x
         vectors = sign[:, None, None] * np.cross(along_r @ x, along_s @ x)
         size = np.linalg.norm(vectors, axis=2)
         self._normal = unit_vectors(vectors)
-        self._along, self._hits = opposite_of(slave, master, chosen, at, piece)
+        self._along, self._hits = opposite_of(slave, master, chosen, local, piece)
         self._there = (self._hits.facet >= 0).reshape(size.shape)
         self._values, self._at_all = values[: len(points)], values
         whole = size[:, : len(points)] * weights
@@ -198,19 +198,19 @@ class PairSamples:
         self._curves = facet_functions(slave.corners, 2, self._at)[0]
         linear = facet_functions(slave.corners, 1, reference_nodes(slave.corners, slave.degree))[0].T
         self._span = linear if width == 6 else np.eye(width)
-        at = self._values @ self._span.T
-        mass = np.einsum("fq,qi,qk->fik", self._size, at, at)
+        dual = self._values @ self._span.T
+        mass = np.einsum("fq,qi,qk->fik", self._size, dual, dual)
         share = self._size.sum(axis=1) / self._area
         eigenvalues = np.linalg.eigvalsh(mass)
         self._dual = (share > _LEAST_DUAL) & (eigenvalues[:, 0] > _SINGULAR * eigenvalues[:, -1])
-        found = np.zeros((len(share), len(columns), width))
-        found[share > 0.0, : slave.corners] = linear
-        found[share > _LEAST_DUAL] = self._span  # with the integrals of the dual ones
+        functions = np.zeros((len(share), len(columns), width))
+        functions[share > 0.0, : slave.corners] = linear
+        functions[share > _LEAST_DUAL] = self._span  # with the integrals of the dual ones
         sizes = mass[self._dual].sum(axis=2)
-        found[self._dual] = sizes[:, :, None] * np.linalg.solve(
+        functions[self._dual] = sizes[:, :, None] * np.linalg.solve(
             mass[self._dual], np.broadcast_to(self._span, (len(sizes), *self._span.shape))
         )
-        self._own = np.einsum("fjn,qn,fq->fjq", found, self._values, self._size)
+        self._own = np.einsum("fjn,qn,fq->fjq", functions, self._values, self._size)
         own: FloatArray = self._own
         part: FloatArray = np.zeros(len(share))
         self._part_off: FloatArray = np.zeros(len(share))
@@ -264,16 +264,16 @@ class PairSamples:
 
     def _sums(self, values: FloatArray) -> FloatArray:
         """Sums over the parts of lambda_j of values (k,) or (k, d), shape (m,) or (m, d)."""
-        found = np.zeros((self._count, *values.shape[1:]))
-        np.add.at(found, self._point, values)
-        return found
+        sums = np.zeros((self._count, *values.shape[1:]))
+        np.add.at(sums, self._point, values)
+        return sums
 
     def _most(self, values: FloatArray, least: float = 0.0) -> FloatArray:
         """The largest of values of facets (f, d) around each point, and of the least, shape (m, d)."""
         f, p = self._around
-        found = np.full((self._count, values.shape[1]), least)
-        np.maximum.at(found, p, values[f])
-        return found
+        most = np.full((self._count, values.shape[1]), least)
+        np.maximum.at(most, p, values[f])
+        return most
 
     def _means(self, values: FloatArray) -> FloatArray:
         """(1/a_j) int lambda_j v dS of values at the points (f, q, d), shape (m, d)."""
@@ -371,17 +371,17 @@ class PairSamples:
         least = most = average
         if self._slave.degree == 1 and self._surfaces.interpolated:
             corner, there = self._slave.nodes[self._chosen], self._there[:, inner:].astype(np.float64)
-            number, at = np.unique(corner, return_inverse=True)
-            at = at.reshape(corner.shape)
-            count = np.bincount(at.ravel(), there.ravel(), len(number))
+            number, place = np.unique(corner, return_inverse=True)
+            place = place.reshape(corner.shape)
+            count = np.bincount(place.ravel(), there.ravel(), len(number))
             sums = np.zeros((len(number), 3))
-            np.add.at(sums, at, ways[:, inner:] * there[:, :, None])
-            way = (sums / np.maximum(count, 1.0)[:, None])[at]
+            np.add.at(sums, place, ways[:, inner:] * there[:, :, None])
+            way = (sums / np.maximum(count, 1.0)[:, None])[place]
             products = np.einsum("kq,qc->kc", self._weight, self._at_corners)
-            found = self._sums(np.einsum("kc,kci->ki", products, way[self._facet])) / a[:, None]
-            missing = self._sums(np.abs(products * (count == 0.0)[at][self._facet]).sum(axis=1)) > 1e-9 * a
+            vectors = self._sums(np.einsum("kc,kci->ki", products, way[self._facet])) / a[:, None]
+            missing = self._sums(np.abs(products * (count == 0.0)[place][self._facet]).sum(axis=1)) > 1e-9 * a
             unsafe = self._sums(np.abs(products * (there == 0.0)[self._facet]).sum(axis=1)) > 1e-9 * a
-            nodal = np.where(missing, -np.inf, np.einsum("mi,mi->m", found, n))
+            nodal = np.where(missing, -np.inf, np.einsum("mi,mi->m", vectors, n))
             most = np.maximum(average, nodal)
             least = np.where(missing | unsafe, average, most)
             off = np.maximum(off, np.where(unsafe & ~missing, self._share * np.abs(nodal - average), 0.0))
@@ -433,15 +433,15 @@ class PairSamples:
         points, _, piece = facet_rule(master.corners, master.degree)
         nodes = reference_nodes(master.corners, master.degree)
         first = [next((k for k, of in enumerate(PIECES[master.corners]) if j in of), 0) for j in range(len(nodes))]
-        at = np.concatenate([nodes, points]) if master.degree == 2 else nodes
-        piece = np.concatenate([np.array(first, dtype=np.int64), piece])[: len(at)] * (master.degree == 2)
-        along, found = opposite_of(master, slave, near, at, piece)
-        here = np.flatnonzero(np.isin(found.facet, self._chosen))
-        facet, along = found.facet[here], along.reshape(-1, 3)[here]
-        values = facet_functions(slave.corners, slave.degree, found.place[here])[0]
-        theirs = np.einsum("qn,fni->fqi", facet_functions(master.corners, master.degree, at)[0], opposite[near])
+        local = np.concatenate([nodes, points]) if master.degree == 2 else nodes
+        piece = np.concatenate([np.array(first, dtype=np.int64), piece])[: len(local)] * (master.degree == 2)
+        along, hits = opposite_of(master, slave, near, local, piece)
+        here = np.flatnonzero(np.isin(hits.facet, self._chosen))
+        facet, along = hits.facet[here], along.reshape(-1, 3)[here]
+        values = facet_functions(slave.corners, slave.degree, hits.place[here])[0]
+        theirs = np.einsum("qn,fni->fqi", facet_functions(master.corners, master.degree, local)[0], opposite[near])
         moved = theirs.reshape(-1, 3)[here] - np.einsum("kn,kni->ki", values, own[facet])
-        nearer = np.einsum("ki,ki->k", moved, along) - found.way[here]
+        nearer = np.einsum("ki,ki->k", moved, along) - hits.way[here]
         chords = (slave.kink * slave.radius)[facet]
         return np.searchsorted(self._chosen, facet), np.column_stack([nearer - chords, nearer])
 

@@ -43,7 +43,7 @@ class Ways(NamedTuple):
 def into_foundation(ways: Ways, foundation: RigidFoundation, gap: float) -> IntArray:
     """Which ways in the coordinates of a foundation lead into it by more than a gap that is given beside the distance,
     metres: their numbers."""
-    way, found = ways.now - ways.then, list[int]()
+    way, passed = ways.now - ways.then, list[int]()
     length, done = np.linalg.norm(way, axis=1), np.zeros(len(way))
     here = np.flatnonzero(length > 0.0)
     while len(here):
@@ -54,15 +54,15 @@ def into_foundation(ways: Ways, foundation: RigidFoundation, gap: float) -> IntA
         if np.any(entered):
             at = here[entered]
             steep = np.einsum("ki,ki->k", way[at], foundation.normal(x[entered])) < -_STEEP * length[at]
-            found.extend(at[steep])
+            passed.extend(at[steep])
         done[here] += np.maximum(distance / length[here], _SHORTEST)
         here = here[~inside & (done[here] < 1.0)]
-    return np.array(found, dtype=np.int64)
+    return np.array(passed, dtype=np.int64)
 
 
 def into_facets(nodes: Ways, triangles: Ways) -> FloatArray:
     """Where nodes begin whose ways lead through triangles from outside, metres, shape (p, 3)."""
-    found = [nodes.then[:0]]
+    passed = [nodes.then[:0]]
     if not len(nodes.then):
         return nodes.then
     swept = [np.stack(of, axis=1).reshape(len(of.then), -1, 3) for of in (nodes, triangles)]
@@ -78,8 +78,8 @@ def into_facets(nodes: Ways, triangles: Ways) -> FloatArray:
         at, around = (1.0 - part) * x.then + part * x.now, corners.then + part[:, None] * (corners.now - corners.then)
         beside = np.cross(np.roll(around, -1, axis=1) - around, at[:, None] - around)
         through &= np.all(np.einsum("pki,pi->pk", beside, _normals(around)) >= size[:, None] * least[:, None], axis=1)
-        found.append(x.then[through])
-    return np.concatenate(found)
+        passed.append(x.then[through])
+    return np.concatenate(passed)
 
 
 def _normals(corners: FloatArray) -> FloatArray:
@@ -92,7 +92,7 @@ def _normals(corners: FloatArray) -> FloatArray:
 def through_each_other(faces: Sequence[tuple[FacetPatch, ...]], comm: MPI.Comm) -> FloatArray:
     """Where nodes of either of two faces begin whose ways, as seen from the other, lead through it; of each its facets
     at the start and at the end, this rank's; metres, shape (p, 3); collective."""
-    found = list[FloatArray]()
+    passed = list[FloatArray]()
     for mine, other in (faces, faces[::-1]):
         pieces, one = other[0].kind.pieces, np.unique(mine[0].nodes, return_index=True)[1]
         three = np.concatenate([pieces[:, [0, k, k + 1]] for k in range(1, pieces.shape[1] - 1)])
@@ -100,10 +100,10 @@ def through_each_other(faces: Sequence[tuple[FacetPatch, ...]], comm: MPI.Comm) 
         start, end = (of.reshape(-1, 3).mean(axis=0) for of in (then, now))
         turn = turn_of((then - start).reshape(-1, 3).T @ (now - end).reshape(-1, 3))
         ways = Ways(*(of.x.reshape(-1, 3)[one] for of in mine))
-        found.append(
+        passed.append(
             into_facets(ways._replace(now=(ways.now - end) @ turn + start), Ways(then, (now - end) @ turn + start))
         )
-    return np.concatenate(found)
+    return np.concatenate(passed)
 
 
 def inside_of(places: FloatArray, of: Member, least: float = -_WITHIN) -> FloatArray:
@@ -114,8 +114,8 @@ def inside_of(places: FloatArray, of: Member, least: float = -_WITHIN) -> FloatA
     nodes = body.points_of_cells(np.arange(body.domain.topology.index_map(3).size_local, dtype=np.int32))
     place, cell = in_boxes(boxes_of(places), boxes_of(nodes))
     tetrahedra = tetrahedra_of(body.domain.topology.cell_type, body.degree)
-    found, _, weights, _ = in_tetrahedra(places[place], nodes[cell], tetrahedra)
-    inside: FloatArray = places[place[found[weights.min(axis=1, initial=1.0) > least]], 0]
+    hits, _, weights, _ = in_tetrahedra(places[place], nodes[cell], tetrahedra)
+    inside: FloatArray = places[place[hits[weights.min(axis=1, initial=1.0) > least]], 0]
     return inside
 
 

@@ -64,6 +64,6 @@ def _displaced(face: NearFace, member: Member, u: FloatArray) -> FacetPatch:
 
 def _of_known(values: FloatArray, place: IntArray) -> FloatArray:
     """Values of points by their places among others, 0 of those that are not among them."""
-    found = np.zeros((len(place), *values.shape[1:]))
-    found[place >= 0] = values[place[place >= 0]]
-    return found
+    of_all = np.zeros((len(place), *values.shape[1:]))
+    of_all[place >= 0] = values[place[place >= 0]]
+    return of_all

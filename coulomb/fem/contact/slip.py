@@ -111,8 +111,8 @@ def foot_points(
             nodes = body.nodes(face, "contact")
             find = partial(_foot, foundation, motion.undone(body.x[nodes]))
             feet[part], normals[part] = np.full((2, *body.x.shape), np.nan)
-            found = on_all_ranks(find, f"contact face {face!r}: foundation", body.comm)
-            feet[part][nodes], normals[part][nodes] = found
+            feet_and_normals = on_all_ranks(find, f"contact face {face!r}: foundation", body.comm)
+            feet[part][nodes], normals[part][nodes] = feet_and_normals
     return feet, normals
 
 

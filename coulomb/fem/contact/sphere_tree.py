@@ -39,11 +39,11 @@ class SphereTree:
         """Pairs (line, facet), ascending, whose spheres meet: lines from points (k, 3) along unit normals (k, 3), as
         cylinders of these radii (k,), from `depth` behind their points as far as `reach`, metres."""
         lines = np.column_stack([centre, normal, radius]).T.copy()  # component by component: faster
-        found = [
+        pairs = [
             self._search(at, lines, depth, reach)
             for at in np.array_split(np.arange(len(centre)), len(centre) // _LINES + 1)
         ]
-        line, facet = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        line, facet = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
         order = np.lexsort((facet, line))
         return line[order], facet[order]
 

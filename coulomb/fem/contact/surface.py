@@ -345,7 +345,7 @@ def joined(elasticity: Deformable, surfaces: Sequence[ContactSurface]) -> Contac
 
 def _refuse_twice(elasticity: Deformable, surfaces: Sequence[ContactSurface]) -> None:
     """Refuse nodes that touch the same plane twice before deformation; collective."""
-    comm, rigid = elasticity.comm, [one for one in surfaces if one.foundations[0] is not None]
+    comm, rigid = elasticity.comm, [surface for surface in surfaces if surface.foundations[0] is not None]
     if not comm.allreduce(np.array_equal(elasticity.x, elasticity.reference), op=MPI.LAND):
         return
     near = _SAME * float(np.max(np.abs(elasticity.x), initial=0.0))

@@ -181,16 +181,16 @@ def tied_rows(
     parts = segments(slave, master, search.depth, search.reach, most)
     full = parts.share > LEAST_DUAL
     mass = span @ parts.mass[full] @ span.T
-    found = np.zeros((len(slave), slave.kind.width, slave.kind.width))
-    found[full] = mass.sum(axis=2)[:, :, None] * np.linalg.solve(mass, np.broadcast_to(span, mass.shape))
-    sizes = np.einsum("fjn,fn->fj", found, parts.mass.sum(axis=2))
+    dual = np.zeros((len(slave), slave.kind.width, slave.kind.width))
+    dual[full] = mass.sum(axis=2)[:, :, None] * np.linalg.solve(mass, np.broadcast_to(span, mass.shape))
+    sizes = np.einsum("fjn,fn->fj", dual, parts.mass.sum(axis=2))
     weak = weak_nodes(slave.nodes, sizes, nodal_sums(slave.nodes, slave.whole @ span.T, size), left_out)
     if slave.kind.width == 6:  # the corners of an edge whose middle is not tied are not, either
         corners = slave.nodes[:, [0, 1, 2, 1, 2, 0]].reshape(-1, 2, 3)
         bare = (weak | left_out)[slave.nodes[:, 3:]]
         weak[corners.swapaxes(1, 2)[bare].ravel()] = True
         weak &= ~left_out
-    functions = slave_functions(slave, slave.nodes, found, sizes, left_out | weak)
+    functions = slave_functions(slave, slave.nodes, dual, sizes, left_out | weak)
     facet, of = functions.facet, functions.node
     if not len(of):
         return untied
@@ -289,20 +289,20 @@ def tie_of(body: Deformable, given: Tied, taken: BoolArray) -> Tie:
     def tied(gone: BoolArray) -> tuple[TiedRows, BoolArray, IntArray]:
         """The rows without the nodes that are gone; which of them are of nodes of this rank, and of which."""
         left_out = fetched(comm, starts, near.slave.numbers, gone)
-        found = on_all_ranks(lambda: tied_rows(one, other, left_out, search, near.most), given.what, comm)
-        own = (found.node >= near.owned[0]) & (found.node < near.owned[1])
-        return found, own, (near.slave.numbers[found.node[own]] - space.numbering.first).astype(np.int64)
+        tied_to = on_all_ranks(lambda: tied_rows(one, other, left_out, search, near.most), given.what, comm)
+        own = (tied_to.node >= near.owned[0]) & (tied_to.node < near.owned[1])
+        return tied_to, own, (near.slave.numbers[tied_to.node[own]] - space.numbering.first).astype(np.int64)
 
-    found, own, nodes = tied(gone)
+    tied_to, own, nodes = tied(gone)
     if comm.allreduce(int(own.sum())) == 0:
         raise ValueError(
             f"{given.what}: no part of one is opposite to the other: they must face each other, with outward normals "
             "in opposite directions, and one must have nodes that are neither clamped nor tied already"
         )
-    node, area, distance = found.node[own], found.area[own], found.distance[own]
+    node, area, distance = tied_to.node[own], tied_to.area[own], tied_to.distance[own]
     parts = [
-        (found.weights[own], near.slave.numbers, one.places, slave),
-        (found.opposite[own], near.master.numbers, other.places, master),
+        (tied_to.weights[own], near.slave.numbers, one.places, slave),
+        (tied_to.opposite[own], near.master.numbers, other.places, master),
     ]
     columns = scipy.sparse.hstack([rows for rows, *_ in parts], format="csr")
     none = scipy.sparse.csr_matrix((one.size, one.size))
@@ -313,8 +313,8 @@ def tie_of(body: Deformable, given: Tied, taken: BoolArray) -> Tie:
     def conducting(gone: BoolArray) -> tuple[IntArray, scipy.sparse.csr_matrix]:
         gone = gone[slave.nodes].copy()
         gone[on_both] = True
-        found, own, nodes = tied(gone)
-        columns = scipy.sparse.hstack([found.weights[own], found.opposite[own]], format="csr")
+        tied_to, own, nodes = tied(gone)
+        columns = scipy.sparse.hstack([tied_to.weights[own], tied_to.opposite[own]], format="csr")
         entries = columns.data, numbers[columns.indices], columns.indptr
         return slave.nodes.start + nodes, scipy.sparse.csr_matrix(entries, (len(nodes), body.numbering.total))
 
@@ -346,14 +346,14 @@ def tie_of(body: Deformable, given: Tied, taken: BoolArray) -> Tie:
         )
     if far > _FAR * facet:
         remarks.append(f"the faces are up to {amount(far)} apart; nodes are tied across that distance as by rigid arms")
-    mine = (found.untied >= near.owned[0]) & (found.untied < near.owned[1])
+    mine = (tied_to.untied >= near.owned[0]) & (tied_to.untied < near.owned[1])
     untied = comm.allreduce(int(mine.sum()))
     if untied:
         remarks.append(
             f"{untied} nodes of {face!r} have less than a fifth of their area before {against!r} and are free"
         )
     named = tuple(f"{given.what}: {text}" for text in remarks)
-    traction = numbered(found.traction[own].tocsr(), near.slave, space.numbering.total)
+    traction = numbered(tied_to.traction[own].tocsr(), near.slave, space.numbering.total)
     traction = among_all(traction, slave, body)
     nodes, directions = slave.nodes.start + nodes, np.broadcast_to(np.eye(3), (len(nodes), 3, 3))
     if turn is not None:  # nodes on the axis move along it
@@ -445,7 +445,7 @@ def _global(
     """Rows over the displacements of all nodes, along the free directions (m, 3, 3) of the slave nodes."""
     of = np.repeat(np.arange(len(free)), np.diff(rows.indptr))
     entries = free[of] @ blocks, numbers[rows.indices], rows.indptr
-    found = scipy.sparse.bsr_matrix(entries, (3 * len(free), 3 * total)).tocsr()
-    found.sum_duplicates()
-    found.eliminate_zeros()
-    return found
+    matrix = scipy.sparse.bsr_matrix(entries, (3 * len(free), 3 * total)).tocsr()
+    matrix.sum_duplicates()
+    matrix.eliminate_zeros()
+    return matrix

@@ -121,9 +121,9 @@ class FrictionAxes:
             apart = np.min(values, axis=1) < LEAST_RATIO * np.max(values, axis=1)
             if np.any(apart):
                 F1, F2 = values[np.argmax(apart)]
-                at = f"friction ({F1:g}, {F2:g}) at x = {first_place(x, apart)}"
+                said = f"friction ({F1:g}, {F2:g}) at x = {first_place(x, apart)}"
                 raise ValueError(
-                    f"{at}: the smaller coefficient must be at least {LEAST_RATIO:g} of the larger, or both 0"
+                    f"{said}: the smaller coefficient must be at least {LEAST_RATIO:g} of the larger, or both 0"
                 )
 
         on_all_ranks(check, what, comm)

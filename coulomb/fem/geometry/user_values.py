@@ -289,8 +289,8 @@ def same_on_all_ranks(arguments: Mapping[str, object], comm: MPI.Comm) -> None:
     pairs = [pair for pair in zip(first, mine, strict=False) if pair[0] != pair[1]]
     if not pairs and len(first) != len(mine):
         pairs = [(("the arguments", f"{len(first)} entries"), ("", f"{len(mine)}"))]
-    found = comm.allgather(pairs[0] if pairs else None)
-    for rank, pair in enumerate(found):
+    of_ranks = comm.allgather(pairs[0] if pairs else None)
+    for rank, pair in enumerate(of_ranks):
         if pair is not None:
             (name, there), (_, here) = pair
             raise ValueError(f"{name} must be the same on all ranks, but is {there} on rank 0, {here} on rank {rank}")

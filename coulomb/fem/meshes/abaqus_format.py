@@ -69,7 +69,7 @@ def read_section(path: str, cells: str | None = None) -> SectionFile:
         return np.sort(np.vstack([np.empty((0, 2), dtype=np.int64), *parts]), axis=1)
 
     add_skins(deck)
-    surfaces = {one.name: lines(one.lines) for one in deck.surfaces.values() if not one.nodes}
+    surfaces = {surface.name: lines(surface.lines) for surface in deck.surfaces.values() if not surface.nodes}
     loads = ("DLOAD", "FILM", "DFLUX")
     pressed = (of for card in deck.others if card.kind in loads for of in deck.on_sides(card))
     surfaces |= {name: lines(sides) for name, _, sides in pressed}
@@ -149,13 +149,13 @@ class _Mesh:
 
     def _on_flats(self, numbers: IntArray) -> list[IntArray]:
         """Facets of surface elements of these numbers."""
-        found = []
+        places = []
         for width, block in self._deck.flats.items():
             corners = {3: 3, 4: 4, 6: 3}[width]
             mine = block[np.isin(block[:, 0], numbers), 1 : 1 + corners]
             if len(mine):
-                found.append(self._deck.places(mine))
-        return found
+                places.append(self._deck.places(mine))
+        return places
 
     def _sides(self, name: str, what: IntArray | str, side: str) -> list[IntArray]:
         """Corners of the facets that a line of a surface names."""

@@ -67,23 +67,23 @@ def coarsened(mesh: NamedMesh, again: bool = False) -> NamedMesh:
     whole = gathered(mesh)
 
     def coarser() -> InspectedMesh:
-        found = extract_sheets(_sorted(whole), again) if hexahedra else _by_mmg(_sorted(whole), off)
-        if len(whole.cells) < LEAST[whole.cells.shape[1]] ** 3 * len(found.cells):
-            raise ValueError(f"{len(found.cells)} coarser cells for {len(whole.cells)} are hardly fewer")
-        return found
+        coarse = extract_sheets(_sorted(whole), again) if hexahedra else _by_mmg(_sorted(whole), off)
+        if len(whole.cells) < LEAST[whole.cells.shape[1]] ** 3 * len(coarse.cells):
+            raise ValueError(f"{len(coarse.cells)} coarser cells for {len(whole.cells)} are hardly fewer")
+        return coarse
 
     sound = on_first_rank(mesh.comm, "a coarser mesh", coarser)
-    found = replace(from_first_rank(mesh.comm, "a coarser mesh", sound), surfaces=mesh.surfaces)
-    put_on_surfaces(found)
-    refuse_flat_cells(found.domain.geometry.x[compat.cell_geometry(found.domain)], "a coarser mesh", mesh.comm)
-    return found
+    coarse = replace(from_first_rank(mesh.comm, "a coarser mesh", sound), surfaces=mesh.surfaces)
+    put_on_surfaces(coarse)
+    refuse_flat_cells(coarse.domain.geometry.x[compat.cell_geometry(coarse.domain)], "a coarser mesh", mesh.comm)
+    return coarse
 
 
 def mmg() -> Path | None:
     """The program: on the PATH, or where `install.sh` puts it."""
-    found = shutil.which("mmg3d_O3") or shutil.which("mmg3d")
+    program = shutil.which("mmg3d_O3") or shutil.which("mmg3d")
     ours = Path(sys.prefix, "mmg", "bin", "mmg3d_O3")
-    return Path(found) if found else ours if ours.exists() else None
+    return Path(program) if program else ours if ours.exists() else None
 
 
 def _by_mmg(mesh: InspectedMesh, off: float) -> InspectedMesh:
@@ -120,12 +120,12 @@ def _by_mmg(mesh: InspectedMesh, off: float) -> InspectedMesh:
         )
         if ran.returncode or not new.exists():
             raise ValueError(f"MMG found no coarser tetrahedra: {(ran.stderr or ran.stdout).strip()[-300:]}")
-        found = by_meshio(str(new), b"", "medit")
-    rows, numbers = found.cells_dict, found.cell_data_dict[_NUMBERS]
+        coarse = by_meshio(str(new), b"", "medit")
+    rows, numbers = coarse.cells_dict, coarse.cell_data_dict[_NUMBERS]
     of_group, of_face = groups[numbers["tetra"]], faces[numbers["triangle"]]
     facets = np.sort(rows["triangle"].astype(np.int64), axis=1)
     return InspectedMesh(
-        found.points,
+        coarse.points,
         rows["tetra"].astype(np.int64),
         {name: np.flatnonzero(of_group[:, k]) for k, name in enumerate(mesh.cell_groups)},
         {name: facets[of_face[:, k]] for k, name in enumerate(mesh.face_groups)},

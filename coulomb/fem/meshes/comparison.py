@@ -52,11 +52,11 @@ def coarser_meshes(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedM
         ValueError: As of `NamedMesh.coarser` and `coarsened`.
     """
     bodies = _bodies(mesh)
-    if any(one.coarser is None for one in bodies.values()):
-        if sum(one.domain.topology.index_map(0).size_global for one in bodies.values()) <= FEW:
+    if any(body.coarser is None for body in bodies.values()):
+        if sum(body.domain.topology.index_map(0).size_global for body in bodies.values()) <= FEW:
             return
     for made in range(COARSER):
-        if not all(one.coarser or one.degree == 1 for one in bodies.values()):
+        if not all(body.coarser or body.degree == 1 for body in bodies.values()):
             return
         bodies = {
             name: coarsened(one, again=made > 0) if one.coarser is None else one.coarser()
@@ -70,13 +70,13 @@ def same_cells(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedMesh]
     all with second order, and all with first.  Then first-order cells on the nodes of second order, but beside
     first-order hexahedra, whose second order has as many contact points; collective."""
     bodies = _bodies(mesh)
-    orders = {one.degree for one in bodies.values()}
+    orders = {body.degree for body in bodies.values()}
     second = {name: smooth_second_order(one) if one.degree == 1 else one for name, one in bodies.items()}
     if 1 in orders:
         yield _like(mesh, second)
     if 2 in orders:
         yield _like(mesh, {name: first_order(one) if one.degree == 2 else one for name, one in bodies.items()})
-    if 2 in orders or any(one.tetrahedra for one in bodies.values()):
+    if 2 in orders or any(body.tetrahedra for body in bodies.values()):
         yield _like(mesh, {name: split(one) for name, one in second.items()})
 
 
@@ -108,12 +108,12 @@ def finer(
     least, total = _least([part for one in of_cells.values() for part in comm.allgather(one)], SHARE)
     if total == 0.0:  # nothing is loaded: all cells alike
         return finer(mesh, {name: np.ones_like(one) for name, one in squared.items()}, flat)
-    found, graded = {}, {}
+    meshes, graded = {}, {}
     for name, one in bodies.items():
         good = comm.allreduce(float(of_cells[name].sum())) < 0.01 * total
         uneven = one.grid is None and polygon(one) > flat
         if good and not uneven:
-            found[name] = one
+            meshes[name] = one
         elif one.grid is not None:
             graded[name] = _Slabs(one, one.grid, squared[name])
         elif one.tetrahedra:
@@ -121,12 +121,12 @@ def finer(
             if uneven:
                 off = off_surface(one)
                 marked |= off >= _least(comm.allgather(off), ROUNDER)[0]
-            found[name] = refined(one, marked, curved=True)
+            meshes[name] = refined(one, marked, curved=True)
         else:
-            found[name] = refined(one, curved=True)
+            meshes[name] = refined(one, curved=True)
     _more_planes(list(graded.values()))
-    found |= {name: slabs.made() for name, slabs in graded.items()}
-    kept = {name: replace(found[name], coarser=partial(_itself, one)) for name, one in bodies.items()}
+    meshes |= {name: slabs.made() for name, slabs in graded.items()}
+    kept = {name: replace(meshes[name], coarser=partial(_itself, one)) for name, one in bodies.items()}
     return JoinedMesh(kept) if isinstance(mesh, JoinedMesh) else kept[""]
 
 

@@ -155,7 +155,7 @@ def few_chords(mesh: NamedMesh) -> dict[str, float]:
     is known; collective."""
     if mesh.degree == 2 and curved_faces(mesh, facet_columns(mesh.domain.topology.cell_type, 1)[:, None]) is not None:
         return {}
-    found = {}
+    angle_of = {}
     for name, facets in mesh.faces.items():
         if name in mesh.surfaces:
             continue
@@ -165,8 +165,8 @@ def few_chords(mesh: NamedMesh) -> dict[str, float]:
         angle = np.arccos(np.clip(np.einsum("ki,ki->k", normal[one], normal[other]), -1.0, 1.0))
         steep = (angle > CREASE) & (angle < CORNER)
         if len(np.union1d(one[steep], other[steep])) > 0.5 * len(corners):
-            found[name] = float(angle[steep].max())
-    return found
+            angle_of[name] = float(angle[steep].max())
+    return angle_of
 
 
 def _boundary(mesh: NamedMesh, facets: Int32Array | None = None) -> tuple[IntArray, FloatArray]:
@@ -207,14 +207,14 @@ class CurvedFaces:
         """Of points x (k, 3) in metres, shape (k,)."""
         return -np.linalg.norm(self._way(x), axis=1)
 
-    def bulges(self, corners: FloatArray, facet: IntArray, at: FloatArray) -> FloatArray:
+    def bulges(self, corners: FloatArray, facet: IntArray, local: FloatArray) -> FloatArray:
         """The way in metres to the boundary from points (k, 3) of first-order facets with corners (f, 3 or 4, 3) in
         VTK's order: on the facets (k,), by the linear functions of the corners there (k, 3 or 4)."""
-        kind = compat.mesh.CellType.triangle if at.shape[1] == 3 else compat.mesh.CellType.quadrilateral
-        order, ends = ([0, 1, 2], ([1], [2])) if at.shape[1] == 3 else ([0, 1, 3, 2], ([1, 2], [2, 3]))
+        kind = compat.mesh.CellType.triangle if local.shape[1] == 3 else compat.mesh.CellType.quadrilateral
+        order, ends = ([0, 1, 2], ([1], [2])) if local.shape[1] == 3 else ([0, 1, 3, 2], ([1, 2], [2, 3]))
         nodes = lagrange_values(kind, 1, lagrange_points(kind, 2)) @ corners[:, order]
         off = self._way(nodes.reshape(-1, 3)).reshape(nodes.shape)
-        values = lagrange_values(kind, 2, np.stack([at[:, end].sum(axis=1) for end in ends], axis=1))
+        values = lagrange_values(kind, 2, np.stack([local[:, end].sum(axis=1) for end in ends], axis=1))
         return np.einsum("kn,kni->ki", values, off[facet])
 
     def normal(self, x: FloatArray) -> FloatArray:

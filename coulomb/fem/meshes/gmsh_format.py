@@ -70,9 +70,9 @@ def read(path: str, only: str | None = None) -> MeshFile:
     joined = {kind: _join(elements[kind], NODES[kind], names, 3) for kind in _cell_types(path, elements)}
     blocks = {NODES[kind]: _in_vtk_order(numbers(cells), kind) for kind, (cells, _) in joined.items()}
     groups_of = among_all((len(cells), members) for cells, members in joined.values())
-    found = of_one_kind(path, points, blocks, members_of(path, groups_of, only))
+    kinds = of_one_kind(path, points, blocks, members_of(path, groups_of, only))
     of_faces: dict[str, list[IntArray]] = {}
-    for width in found.shapes:
+    for width in kinds.shapes:
         given = [(groups, rows[:, :width]) for kind in _FACES[width] for groups, rows in elements.get(kind, [])]
         faces, members = _join(given, width, names, 2)
         for name, mine in members.items():
@@ -80,7 +80,7 @@ def read(path: str, only: str | None = None) -> MeshFile:
     for (dimension, _), name in names.items():  # groups of nothing, or of elements no cell has a side like
         if dimension == 2:
             of_faces.setdefault(name, [])
-    return found.file(path, groups_of, of_faces, {}, tags)
+    return kinds.file(path, groups_of, of_faces, {}, tags)
 
 
 def read_section(path: str) -> SectionFile:
@@ -153,11 +153,11 @@ def _join(
     kept = np.sort(first)
     number = np.searchsorted(kept, first[number.ravel()])
     members: dict[str, list[IntArray]] = {}
-    at = 0
+    row = 0
     for groups, nodes in blocks:
         for group in groups:
-            members.setdefault(names.get((dimension, group), str(group)), []).append(number[at : at + len(nodes)])
-        at += len(nodes)
+            members.setdefault(names.get((dimension, group), str(group)), []).append(number[row : row + len(nodes)])
+        row += len(nodes)
     return rows[kept], {name: np.unique(np.concatenate(parts)) for name, parts in members.items()}
 
 
@@ -202,15 +202,15 @@ def _blocks_22(stream: _Stream, count: int) -> Iterator[tuple[int, IntArray, Int
         return
     words = stream.rest()
     values: Any = words.tolist()  # integers; numpy 2 would not rule out nested lists
-    at = 0
+    row = 0
     starts: dict[tuple[int, int], list[int]] = {}
     for _ in range(count):
-        if at + 3 > len(values):
+        if row + 3 > len(values):
             raise stream.damaged()
-        kind, tag_count = values[at + 1], values[at + 2]
-        starts.setdefault((kind, tag_count), []).append(at)
-        at += 3 + tag_count + stream.width(kind)
-    if at != len(values) or any(tag_count < 0 for _, tag_count in starts):
+        kind, tag_count = values[row + 1], values[row + 2]
+        starts.setdefault((kind, tag_count), []).append(row)
+        row += 3 + tag_count + stream.width(kind)
+    if row != len(values) or any(tag_count < 0 for _, tag_count in starts):
         raise stream.damaged()
     for (kind, tag_count), places in starts.items():
         rows = words[np.array(places)[:, None] + np.arange(3 + tag_count + stream.width(kind))]

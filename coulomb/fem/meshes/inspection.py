@@ -74,12 +74,12 @@ def inspect(file: MeshFile, scale: float, comm: MPI.Comm) -> InspectedMesh:
         fault = fault.replace("no volume", "no volume, or none beside one of its nodes") if second else fault
         cells.refuse(bad, f"{fault}; repair the mesh where it was made{_CURVED if second else ''}")
     facets = _Facets(cells)
-    found = {("face group", name): facets.on_boundary(group) for name, group in file.face_groups.items()}
+    judged = {("face group", name): facets.on_boundary(group) for name, group in file.face_groups.items()}
     for name, nodes in file.node_groups.items():
         if name not in file.face_groups:  # the file says exactly which facets
-            found["node set", name] = facets.covered(nodes)
-    faces = {name: rows for (_, name), (rows, fault) in found.items() if not fault}
-    refused = {name: f"{kind} {name!r} of {file.path} {fault}" for (kind, name), (_, fault) in found.items() if fault}
+            judged["node set", name] = facets.covered(nodes)
+    faces = {name: rows for (_, name), (rows, fault) in judged.items() if not fault}
+    refused = {name: f"{kind} {name!r} of {file.path} {fault}" for (kind, name), (_, fault) in judged.items() if fault}
     sets = {name: nodes for name, nodes in file.node_groups.items() if name not in file.face_groups and name in refused}
     sets = {name: nodes for name, nodes in sets.items() if len(nodes) and np.all(np.isin(nodes, cells.numbers))}
     first, given = cells.starts[comm.rank], file.numbers

@@ -85,11 +85,11 @@ def jacobians(x: FloatArray) -> tuple[FloatArray, FloatArray]:
     kind, degree = _kind(width), 2 if is_second_order(width) else 1
     nodes = lagrange_points(kind, degree)[: 1 if width == 4 else width]
     edges = (x - x[:, :1]).swapaxes(0, 1).reshape(width, -1)  # so that cells shrunk to a point have exactly 0
-    found = np.empty((2, len(nodes), count))
-    for at, slopes in enumerate(lagrange_slopes(kind, degree, nodes).transpose(1, 0, 2)):
+    sizes = np.empty((2, len(nodes), count))
+    for node, slopes in enumerate(lagrange_slopes(kind, degree, nodes).transpose(1, 0, 2)):
         derivatives = (slopes @ edges).reshape(3, count, 3).swapaxes(0, 1)
-        found[:, at] = np.linalg.det(derivatives), np.max(np.linalg.norm(derivatives, axis=2), axis=1, initial=0.0)
-    return found[0], found[1]
+        sizes[:, node] = np.linalg.det(derivatives), np.max(np.linalg.norm(derivatives, axis=2), axis=1, initial=0.0)
+    return sizes[0], sizes[1]
 
 
 def torn(cells: IntArray, comm: MPI.Comm) -> BoolArray:
@@ -108,9 +108,9 @@ def torn(cells: IntArray, comm: MPI.Comm) -> BoolArray:
             of_cell.append(np.arange(len(cells)))
     key, node, cell = np.concatenate(keys), np.concatenate(nodes)[:, None], np.concatenate(of_cell)
     bad = _ambiguous(key, node, comm) | _ambiguous(node, key, comm)
-    found = np.zeros(len(cells), dtype=bool)
-    found[cell[bad]] = True
-    return found
+    torn_cells = np.zeros(len(cells), dtype=bool)
+    torn_cells[cell[bad]] = True
+    return torn_cells
 
 
 def _ambiguous(one: IntArray, other: IntArray, comm: MPI.Comm) -> BoolArray:

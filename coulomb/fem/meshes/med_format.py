@@ -89,12 +89,12 @@ def _mesh(only: str | None, path: str, mesh: Any, families: Any, elements: Any) 
     blocks, groups = _blocks(elements, {kind: n for kind, n in _SOLIDS.items() if n in counts}, of_elements)
     if 27 in blocks:
         blocks[27] = in_vtk_order(blocks[27], "med")
-    found = of_one_kind(path, points, blocks, members_of(path, groups, only))
+    cells = of_one_kind(path, points, blocks, members_of(path, groups, only))
     of_faces: dict[str, list[IntArray]] = {}
-    for corners in found.shapes:
+    for corners in cells.shapes:
         for group, parts in _facets(elements, _FACES[corners], corners, of_elements).items():
             of_faces.setdefault(group, []).extend(parts)
-    return found.file(path, groups, of_faces, *nodes)
+    return cells.file(path, groups, of_faces, *nodes)
 
 
 _Nodes = tuple[dict[str, IntArray], IntArray | None]
@@ -121,12 +121,12 @@ def _facets(
     elements: Any, kinds: Sequence[str], corners: int, groups: dict[int, list[str]]
 ) -> dict[str, list[IntArray]]:
     """Corners of the elements of these kinds in every group."""
-    found: dict[str, list[IntArray]] = {}
+    facets: dict[str, list[IntArray]] = {}
     for kind in (one for one in kinds if one in elements):
         rows = _table(elements[kind]["NOD"])[:, :corners] - 1
         for name, members in _members(elements[kind], len(rows), groups).items():
-            found.setdefault(name, []).append(rows[members])
-    return found
+            facets.setdefault(name, []).append(rows[members])
+    return facets
 
 
 def _only(path: str, group: Any, what: str) -> str:
@@ -148,14 +148,14 @@ def _table(data: Any) -> Any:
 
 def _groups(families: Any) -> dict[int, list[str]]:
     """The names of the groups of every family, by its number: an element has one family, but may be in many groups."""
-    found = {}
+    groups = {}
     for family in families.values():
         names = family["GRO"]["NOM"][()] if "GRO" in family else []
-        found[int(family.attrs["NUM"])] = [
+        groups[int(family.attrs["NUM"])] = [
             np.asarray(name, dtype=np.int8).tobytes().split(b"\0")[0].decode("utf-8", "replace").strip()
             for name in names
         ]
-    return found
+    return groups
 
 
 def _members(entities: Any, count: int, groups: dict[int, list[str]]) -> dict[str, IntArray]:

@@ -134,12 +134,12 @@ def not_empty(groups: Mapping[str, IntArray]) -> dict[str, IntArray]:
 
 def among_all(blocks: Iterable[tuple[int, Mapping[str, IntArray]]]) -> dict[str, IntArray]:
     """The members of every group among the elements of all blocks: of each their number, and the members in it."""
-    found, first = dict[str, list[IntArray]](), 0
+    rows_of, first = dict[str, list[IntArray]](), 0
     for count, groups in blocks:
         for name, rows in groups.items():
-            found.setdefault(name, []).append(first + rows)
+            rows_of.setdefault(name, []).append(first + rows)
         first += count
-    return {name: np.concatenate(parts) for name, parts in found.items()}
+    return {name: np.concatenate(parts) for name, parts in rows_of.items()}
 
 
 def members_of(path: str, groups: Mapping[str, IntArray], name: str | None) -> IntArray | None:

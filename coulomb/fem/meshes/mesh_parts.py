@@ -125,7 +125,7 @@ def parts_of(domain: Any, path: str) -> tuple[int, FloatArray]:
         first = np.flatnonzero(bad)[np.argmin(original[bad])]
         place = (int(original[first]), domain.geometry.x[rows[first]].mean(axis=0))
     seen = comm.allgather((int(bad.sum()), own, place))
-    count = sum(found for found, *_ in seen)
+    count = sum(count_of_rank for count_of_rank, *_ in seen)
     if count:
         first_place = min((place for *_, place in seen if place is not None), key=lambda one: one[0])[1]
         where = in_words(first_place)

@@ -69,13 +69,13 @@ def second_order(mesh: NamedMesh, curved: bool = False) -> NamedMesh:
     corners = corner_geometry(old)
     of_point = np.zeros(len(old.geometry.x), dtype=np.int64)
     of_point[corners] = number[dofs[:, : corners.shape[1]]]
-    found = _of_order(second_order, mesh, domain, of_point, nodes.size_local)
+    mesh_of_second_order = _of_order(second_order, mesh, domain, of_point, nodes.size_local)
     if curved:
-        put_on_surfaces(found)
+        put_on_surfaces(mesh_of_second_order)
         cells = domain.geometry.x[compat.cell_geometry(domain)]
         straight = corners_to_nodes(kind) @ cells[:, : corners.shape[1]]  # tetrahedra of files may be mirror images
         refuse_flat_cells(cells, "second_order: the curved boundary", comm, straight)
-    return found
+    return mesh_of_second_order
 
 
 def smooth_second_order(mesh: NamedMesh) -> NamedMesh:
@@ -170,19 +170,19 @@ def off_chords(mesh: NamedMesh) -> FloatArray:
     largest = int(edges.max(initial=0)) + 1
     key = edges[:, 0] * largest + edges[:, 1]
     between = [frozenset(np.flatnonzero(w > 1e-9)) for w in corners_to_nodes(kind)]
-    found = np.zeros((len(corners), len(between), 3))
+    heights = np.zeros((len(corners), len(between), 3))
     for column, ends in enumerate(between):
         if len(ends) == 2:
             pair = np.sort(number[:, list(ends)], axis=1)
             wanted = np.where(pair[:, 1] < largest, pair[:, 0] * largest + pair[:, 1], -1)
-            at = np.minimum(np.searchsorted(key, wanted), len(key) - 1)
-            found[:, column] = np.where((key[at] == wanted)[:, None], off[at], 0.0)
+            place = np.minimum(np.searchsorted(key, wanted), len(key) - 1)
+            heights[:, column] = np.where((key[place] == wanted)[:, None], off[place], 0.0)
     for size, parts in ((4, {2: 0.5}), (8, {4: 0.5, 2: -0.25})):
         for column, ends in enumerate(between):
             if len(ends) == size:
                 of = [(k, parts[len(part)]) for k, part in enumerate(between) if len(part) in parts and part < ends]
-                found[:, column] = sum(weight * found[:, k] for k, weight in of)
-    return found
+                heights[:, column] = sum(weight * heights[:, k] for k, weight in of)
+    return heights
 
 
 def off_surface(mesh: NamedMesh) -> FloatArray:
@@ -307,9 +307,9 @@ def fewer(cells: Sequence[int]) -> list[int]:
 
 def resampled(planes: Planes, cells: Sequence[int]) -> Planes:
     """Planes for other numbers of cells, graded as the given ones."""
-    at = [np.linspace(0.0, len(along) - 1.0, n + 1) for along, n in zip(planes, cells, strict=True)]
-    found = [np.interp(where, np.arange(len(along)), along) for where, along in zip(at, planes, strict=True)]
-    return found[0], found[1], found[2]
+    where_cut = [np.linspace(0.0, len(along) - 1.0, n + 1) for along, n in zip(planes, cells, strict=True)]
+    planes_at = [np.interp(where, np.arange(len(along)), along) for where, along in zip(where_cut, planes, strict=True)]
+    return planes_at[0], planes_at[1], planes_at[2]
 
 
 _UNEVEN: Final = 1e-3
@@ -330,11 +330,11 @@ def refuse_flat_cells(cells: FloatArray, what: str, comm: MPI.Comm, before: Floa
     if second:  # a node near the quarter of an edge: the slope is almost zero there
         wrong |= np.min(jacobian, axis=0, initial=np.inf) < _UNEVEN * np.max(jacobian, axis=0, initial=0.0)
     places = comm.allgather(cells[np.argmax(wrong)].mean(axis=0) if np.any(wrong) else None)
-    found = [place for place in places if place is not None]
-    if found:
-        at = in_words(found[0])
+    flat = [place for place in places if place is not None]
+    if flat:
+        place_in_words = in_words(flat[0])
         middles = "; the nodes between corners must stay near the middle" if second else ""
-        raise ValueError(f"{what} makes the cell at x = {at} flat, or turns it inside out{middles}")
+        raise ValueError(f"{what} makes the cell at x = {place_in_words} flat, or turns it inside out{middles}")
 
 
 def read_xdmf(
@@ -469,9 +469,9 @@ def read_file(path: str, names: Mapping[str, int], cell_names: Mapping[str, int]
     given = (names, cell_names) if end in mesh_formats.NUMBERED else ()
     if only is None:
         return module.read(path, *given)
-    found = module.read(path, *given, only)
-    groups = {name: not_empty(getattr(found, name)) for name in ("cell_groups", "face_groups", "node_groups")}
-    return replace(found, **groups)
+    file = module.read(path, *given, only)
+    groups = {name: not_empty(getattr(file, name)) for name in ("cell_groups", "face_groups", "node_groups")}
+    return replace(file, **groups)
 
 
 def _named(comm: MPI.Comm, path: str | Path, sound: InspectedMesh) -> NamedMesh:

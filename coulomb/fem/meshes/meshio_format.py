@@ -77,18 +77,18 @@ def read(path: str, names: Mapping[str, int], cell_names: Mapping[str, int], onl
     cell_numbers = {name: np.concatenate([sets[name] for _, sets in given]) for name in given[0][1] if name in shared}
     groups = _groups(path, cell_numbers, cell_names, "cell_names")
     blocks = {width: rows for width, (rows, _) in zip(widths, given, strict=True)}
-    found = of_one_kind(path, points, blocks, members_of(path, groups, only))
+    kinds = of_one_kind(path, points, blocks, members_of(path, groups, only))
     of_faces: dict[str, list[IntArray]] = {}
-    for shape in found.shapes:
+    for shape in kinds.shapes:
         facets, sets = _blocks(mesh, _FACES[shape], shape)
         here = np.concatenate([np.empty(0, dtype=np.int64), *sets.values()])
-        mine = {name: number for name, number in names.items() if number in here} if found.split else names
+        mine = {name: number for name, number in names.items() if number in here} if kinds.split else names
         for name, rows in _groups(path, sets, mine, "names").items():
             of_faces.setdefault(name, []).append(facets[rows])
     if lost := names.keys() - of_faces.keys():
         raise ValueError(f"{path}: names has {min(lost)!r} = {names[min(lost)]}, but no facet has this number")
     numbers = _grid_numbers(data, len(points)) if Path(path).suffix.lower() in (".bdf", ".nas") else None
-    return found.file(path, groups, of_faces, {}, numbers)
+    return kinds.file(path, groups, of_faces, {}, numbers)
 
 
 def read_section(path: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> SectionFile:
@@ -158,8 +158,8 @@ def _nastran(path: str, data: bytes) -> str:
 def _grid_numbers(data: bytes, count: int) -> IntArray | None:
     """The numbers of GRID points in Nastran's file, in its order, in which meshio has the points without them; None if
     they are not as many."""
-    found = _GRID.findall(data)
-    numbers = np.array([int(free or large or small) for free, large, small in found], dtype=np.int64)
+    fields = _GRID.findall(data)
+    numbers = np.array([int(free or large or small) for free, large, small in fields], dtype=np.int64)
     return numbers if len(numbers) == count else None
 
 

@@ -189,8 +189,8 @@ class NamedMesh:
             places = on_all_ranks(lambda: np.reshape(np.asarray(at, dtype=np.float64), (-1, 3)), what, self.comm)
             near = SAME_PLACE * float(np.linalg.norm(np.ptp(bounds(self.comm, x), axis=0)))
             here = tree_of(places).query(x)[0] <= near if len(places) else np.zeros(len(x), dtype=bool)
-            found = tree_of(x).query(places)[0] if len(x) else np.full(len(places), np.inf)
-            far = np.min(self.comm.allgather(found), axis=0) > near
+            distance = tree_of(x).query(places)[0] if len(x) else np.full(len(places), np.inf)
+            far = np.min(self.comm.allgather(distance), axis=0) > near
             missing = f"there is no node at x = {in_words(places[np.argmax(far)])}" if np.any(far) else ""
         if not missing and self.comm.allreduce(int(np.sum(here))) == 0:
             missing = "it has no nodes"
@@ -203,7 +203,7 @@ class NamedMesh:
 
 def _are_arrays(groups: object) -> bool:
     """Whether groups are numbers by name already."""
-    return isinstance(groups, dict) and all(isinstance(one, np.ndarray) for one in groups.values())
+    return isinstance(groups, dict) and all(isinstance(group, np.ndarray) for group in groups.values())
 
 
 def without_nodes(mesh: NamedMesh) -> dict[str, Any]:

@@ -167,25 +167,25 @@ class NodalField:
         Raises:
             ValueError: If a point is outside the mesh of the field, with its place.
         """
-        at = np.ascontiguousarray(x.T)
-        distance, node = self._nodes.query(at)
-        found: FloatArray = self.values[node]
+        points = np.ascontiguousarray(x.T)
+        distance, node = self._nodes.query(points)
+        interpolated: FloatArray = self.values[node]
         missing = np.flatnonzero(distance > _SAME * np.max(np.ptp(self.points, axis=0)))
         if len(missing):
-            found[missing] = self._interpolated(at[missing])
-        return found
+            interpolated[missing] = self._interpolated(points[missing])
+        return interpolated
 
     def at_nodes(self, x: FloatArray, inside: FloatArray) -> FloatArray:
         """Values at the nodes x (k, 3) of a mesh, shape (k,); where parts touch, and the field has several nodes at the
         place, that of the part with the node: `inside` is the middle of a cell of it, shape (k, 3).  Errors as of a
         call."""
-        found = self(x.T)
-        at = self._nodes.query(x, k=2)[0][:, -1] <= _SAME * np.max(np.ptp(self.points, axis=0))
-        cell, _ = self._cells.nearest(x[at] + _INTO * (inside - x)[at])
+        at_given = self(x.T)
+        given = self._nodes.query(x, k=2)[0][:, -1] <= _SAME * np.max(np.ptp(self.points, axis=0))
+        cell, _ = self._cells.nearest(x[given] + _INTO * (inside - x)[given])
         nodes = self._cells.rows[cell]
-        nearest = np.argmin(np.linalg.norm(self.points[nodes] - x[at, None], axis=2), axis=1)
-        found[at] = np.where(cell < 0, found[at], self.values[nodes[np.arange(len(nodes)), nearest]])
-        return found
+        nearest = np.argmin(np.linalg.norm(self.points[nodes] - x[given, None], axis=2), axis=1)
+        at_given[given] = np.where(cell < 0, at_given[given], self.values[nodes[np.arange(len(nodes)), nearest]])
+        return at_given
 
     @cached_property
     def _nodes(self) -> Any:
@@ -232,14 +232,14 @@ class _Cells:
     def nearest(self, x: FloatArray) -> tuple[IntArray, FloatArray]:
         """The tetrahedron nearest to each point (k, 3), -1 where none is near, shape (k,), and the weights of its
         nodes, shape (k, 4); of a point outside those of the nearest point of the boundary."""
-        at = self._placed(x)
-        cell = geometry.compute_closest_entity(self._boxes, self._middles, self._mesh, at).astype(np.int64)
+        points = self._placed(x)
+        cell = geometry.compute_closest_entity(self._boxes, self._middles, self._mesh, points).astype(np.int64)
         corners, beyond = self._corners[cell], np.zeros(len(x))
-        for k in np.flatnonzero(_shares(at, corners).min(axis=1) < 0.0):
-            off = geometry.compute_distance_gjk(corners[k], at[k])
-            at[k] += off
+        for k in np.flatnonzero(_shares(points, corners).min(axis=1) < 0.0):
+            off = geometry.compute_distance_gjk(corners[k], points[k])
+            points[k] += off
             beyond[k] = np.linalg.norm(off)
-        return np.where(beyond <= self._snap[cell], cell, -1), _shares(at, corners)
+        return np.where(beyond <= self._snap[cell], cell, -1), _shares(points, corners)
 
 
 def _shares(x: FloatArray, corners: FloatArray) -> FloatArray:

@@ -89,11 +89,11 @@ class OneKind:
             nodes: Points of every named set.
             numbers: Of the given points, or None.
         """
-        of_faces = {name: [self.facets(one) for one in parts if len(one)] for name, parts in faces.items()}
+        of_faces = {name: [self.facets(part) for part in parts if len(part)] for name, parts in faces.items()}
         none = np.empty((0, self.side), dtype=np.int64)
         for name, parts in of_faces.items():
-            if len({one.shape[1] for one in parts}) > 1:
-                of_faces[name] = [one for one in parts if one.shape[1] == self.side]
+            if len({part.shape[1] for part in parts}) > 1:
+                of_faces[name] = [part for part in parts if part.shape[1] == self.side]
         if numbers is not None:
             numbers = np.concatenate([numbers, np.zeros(len(self.points) - len(numbers), dtype=np.int64)])
         return MeshFile(
@@ -125,10 +125,10 @@ def of_one_kind(
         parts = np.split(np.arange(sum(map(len, blocks.values()))), np.cumsum([len(rows) for rows in blocks.values()]))
         inside = [np.isin(part, chosen) for part in parts]
         some = {width: rows[mine] for (width, rows), mine in zip(blocks.items(), inside, strict=False)}
-        found, used = of_one_kind(path, points, some), np.zeros(len(points), dtype=bool)
+        mesh, used = of_one_kind(path, points, some), np.zeros(len(points), dtype=bool)
         for rows in some.values():
             used[rows] = True
-        return replace(found, source=np.flatnonzero(np.concatenate(inside))[found.source], used=used)
+        return replace(mesh, source=np.flatnonzero(np.concatenate(inside))[mesh.source], used=used)
     blocks = {width: rows for width, rows in blocks.items() if len(rows)}
     second = {width for width in blocks if width != CORNERS[width]}
     if second and len(second) < len(blocks):
@@ -285,8 +285,8 @@ class _Middles:
                 on_faces = np.vstack([self._faces[:, [a, b]] for a in range(4) for b in range(a + 1, 4)])
                 free &= ~rows_among(on_faces, rows)
             rows, of = _unique(rows[free], of[free])
-            found = rows_among(rows, ends[left])
-            between[left[found]] = of[places(rows, ends[left[found]])]
+            present = rows_among(rows, ends[left])
+            between[left[present]] = of[places(rows, ends[left[present]])]
         assert np.all(between >= 0)
         return np.column_stack([corners, between.reshape(6, -1).T])
 

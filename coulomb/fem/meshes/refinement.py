@@ -63,30 +63,30 @@ def refined(mesh: NamedMesh, marked: npt.NDArray[Any] | None = None, curved: boo
     else:
         parent, kind = np.divmod(np.arange(8 * own), 8)
         nodes = _octants(old.topology.cell_type)
-    found = _made(mesh, parent, kind, nodes, off_chords(mesh) if curved and mesh.degree == 1 else None)
+    finer = _made(mesh, parent, kind, nodes, off_chords(mesh) if curved and mesh.degree == 1 else None)
     if mesh.surfaces:
-        cells, x = compat.cell_geometry(found.domain), found.domain.geometry.x
+        cells, x = compat.cell_geometry(finer.domain), finer.domain.geometry.x
         before = x[cells]
-        put_on_surfaces(found)
+        put_on_surfaces(finer)
         refuse_flat_cells(x[cells], f"refined: the surface of {' or '.join(mesh.surfaces)}", comm, before)
-    return found
+    return finer
 
 
 def _chosen(marked: npt.NDArray[Any] | None, own: int) -> BoolArray:
-    found = np.full(own, marked is None)
+    chosen = np.full(own, marked is None)
     if marked is None:
-        return found
+        return chosen
     given = np.asarray(marked)
     if given.dtype == bool and given.shape == (own,):
         return given
     if given.size == 0:
-        return found
+        return chosen
     if not (given.ndim == 1 and np.issubdtype(given.dtype, np.integer)):
         raise ValueError(f"must be numbers of cells, or True and False for each of this rank's {own}")
     if np.min(given) < 0 or np.max(given) >= own:
         raise ValueError(f"must be this rank's own cells, with numbers from 0 to {own - 1}")
-    found[given] = True
-    return found
+    chosen[given] = True
+    return chosen
 
 
 _LEAST_LEFT: Final = 0.2
@@ -234,11 +234,11 @@ def _made(mesh: NamedMesh, parent: IntArray, kind: IntArray, nodes: IntArray, of
 
 
 def _shift(
-    comm: MPI.Comm, points: FloatArray, at: IntArray, shifts: FloatArray, cells: IntArray, starts: IntArray
+    comm: MPI.Comm, points: FloatArray, place: IntArray, shifts: FloatArray, cells: IntArray, starts: IntArray
 ) -> None:
     """Shift those of this rank's points `at`, but for points of cells that would be flat then; collective."""
     before, moved = points.copy(), np.zeros_like(points)
-    moved[at] = shifts
+    moved[place] = shifts
     owners = Exchange(comm, owner_of(starts, cells.ravel()))
     there = owners.send(cells.ravel()) - starts[comm.rank]
     straight = jacobians(fetched(comm, starts, cells, before))[0]

@@ -240,8 +240,8 @@ def _untangled(
 
 def _scaled_jacobians(x: FloatArray, cells: IntArray) -> FloatArray:
     """Jacobians at the corners of cells over the products of the lengths of their edges, shape (c, 8)."""
-    at = x[cells[:, _AT_CORNERS]]
-    edges = at[:, :, 1:] - at[:, :, :1]
+    corners = x[cells[:, _AT_CORNERS]]
+    edges = corners[:, :, 1:] - corners[:, :, :1]
     return np.linalg.det(edges) / np.maximum(np.prod(np.linalg.norm(edges, axis=3), axis=2), 1e-300)
 
 

@@ -230,8 +230,8 @@ _PLACES: Final = 96
 """Shares of the corners in the places of nodes are whole numbers of these parts."""
 
 
-def _bilinear(at: FloatArray) -> FloatArray:
-    s, t = at.T
+def _bilinear(local: FloatArray) -> FloatArray:
+    s, t = local.T
     return np.column_stack([(1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t])
 
 
@@ -286,11 +286,11 @@ class _Quadrilaterals:
         self.order = degree or orders.pop()
         x = _in_plane(path, section.points, np.concatenate([rows.ravel() for rows in blocks.values()]))
         self._split = bool(blocks.keys() & {3, 6})
-        first, found = 0, []
+        first, tables = 0, []
         for rows in blocks.values():
-            found.append(self._nodes(x, rows, first))
+            tables.append(self._nodes(x, rows, first))
             first += len(rows)
-        keys, at, given, self.source = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        keys, at, given, self.source = (np.concatenate(parts) for parts in zip(*tables, strict=True))
         once, number = distinct(keys)
         self._keys, self._given, self.points = keys[once], given[once], at[once]
         self.cells: IntArray = number.reshape(-1, 4 if self.order == 1 else 9)
@@ -322,9 +322,9 @@ class _Quadrilaterals:
             a, b = rows[:, ends[0]], rows[:, ends[-1]]
             of_b = np.where(a < b, share[ends[-1]], share[ends[0]]) if len(ends) == 2 else 0.0
             keys[:, m] = np.column_stack([np.minimum(a, b), np.maximum(a, b), np.rint(_PLACES * of_b + 0 * a)])
-        at = np.einsum("mn,cni->cmi", values, x[rows])
+        points = np.einsum("mn,cni->cmi", values, x[rows])
         of = first + np.repeat(np.arange(count), len(parts))
-        return keys.reshape(-1, 3), at.reshape(-1, 2), np.where(given < self._count, given, -1).ravel(), of
+        return keys.reshape(-1, 3), points.reshape(-1, 2), np.where(given < self._count, given, -1).ravel(), of
 
     def lines(self, ends: IntArray) -> IntArray:
         """Points of lines (k, 2) on its edges, halves of the lines where cells are cut; (0, 0) where there is none."""
@@ -334,12 +334,12 @@ class _Quadrilaterals:
         if self._split:
             middle = self._at(np.column_stack([low, high, np.full_like(low, _PLACES // 2)]))
             pairs = [(first, middle), (middle, last)]
-        found = np.vstack([np.column_stack(pair) for pair in pairs])
-        return np.where(np.any(found < 0, axis=1)[:, None], 0, found)
+        lines = np.vstack([np.column_stack(pair) for pair in pairs])
+        return np.where(np.any(lines < 0, axis=1)[:, None], 0, lines)
 
     def _at(self, keys: IntArray) -> IntArray:
-        found = places(self._keys, keys)
-        return np.where(found < len(self._keys), found, -1)
+        row = places(self._keys, keys)
+        return np.where(row < len(self._keys), row, -1)
 
     def members(self, nodes: IntArray) -> IntArray:
         """Its points among given ones, and those on edges between these."""

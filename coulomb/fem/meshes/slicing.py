@@ -95,10 +95,10 @@ def slice(
     def read_file() -> tuple[InspectedMesh, Slice]:
         module = import_module(f".{mesh_formats.FORMATS[end][1]}_format", __package__)  # a run needs one of them
         if end == ".inp":  # its elements of 4 nodes may be of either kind
-            found = module.read_section(file, only)
+            section = module.read_section(file, only)
         else:
-            found = module.read_section(file, *(numbers if end in mesh_formats.NUMBERED else ())).of_group(only)
-        return _layer(found, made, scale, degree, cuts)
+            section = module.read_section(file, *(numbers if end in mesh_formats.NUMBERED else ())).of_group(only)
+        return _layer(section, made, scale, degree, cuts)
 
     return _distributed(comm, what, on_first_rank(comm, what, read_file))
 
@@ -140,7 +140,7 @@ def _of_dolfinx(domain: Any, faces: Any, cells: Any) -> tuple[SectionFile | None
     points, rows, lines, groups = zip(*every, strict=True)
 
     def joined(parts: Any) -> dict[str, Any]:
-        return {name: np.concatenate([one[name] for one in parts if name in one]) for name in parts[0]}
+        return {name: np.concatenate([part[name] for part in parts if name in part]) for name in parts[0]}
 
     return SectionFile("slice", np.vstack(points), {width: np.vstack(rows)}, joined(groups), joined(lines)), refused
 
@@ -153,6 +153,6 @@ def _layer(
     return inspect(cut(layer, cuts), scale, MPI.COMM_SELF), of
 
 
-def _distributed(comm: MPI.Comm, path: str, found: tuple[InspectedMesh, Slice] | None) -> NamedMesh:
-    sound, of = found or (None, None)
+def _distributed(comm: MPI.Comm, path: str, inspected: tuple[InspectedMesh, Slice] | None) -> NamedMesh:
+    sound, of = inspected or (None, None)
     return replace(from_first_rank(comm, path, sound), slice=comm.bcast(of))

@@ -68,7 +68,7 @@ def faces_of(domain: Any, given: Any, what: str) -> tuple[Groups, dict[str, str]
             f"{what}: faces must be names with facets, such as faces={{'sole': facets}}, MeshTags, the MeshData of "
             f"dolfinx.io.gmsh, or a NamedMesh, but is a {type(given).__name__}"
         )
-    found: Groups = {}
+    groups: Groups = {}
     for name, one in given.items():
         of = f"{what}: face {name!r}"
         if not isinstance(name, str) or not name:
@@ -79,10 +79,10 @@ def faces_of(domain: Any, given: Any, what: str) -> tuple[Groups, dict[str, str]
                 f"{of}: {count} of its facets are not on the boundary of the mesh: use "
                 "mesh.locate_entities_boundary(domain, 2, ...)"
             )
-        found[name] = facets
+        groups[name] = facets
         if comm.allreduce(len(facets)) == 0:
             raise ValueError(f"{of} has no facets")
-    return found, {}
+    return groups, {}
 
 
 def cells_of(domain: Any, given: Any, what: str) -> Groups:
@@ -102,8 +102,8 @@ def cells_of(domain: Any, given: Any, what: str) -> Groups:
         )
     on_all_ranks(lambda: _refuse_tags(domain, given, domain.topology.dim), f"{what}: cells", domain.comm)
     own = domain.topology.index_map(domain.topology.dim).size_local
-    found = {_name(value, names): given.find(value) for value in _values(given, domain.comm)}
-    return {name: np.sort(cells[cells < own]).astype(np.int32) for name, cells in found.items()}
+    cells_by_name = {_name(value, names): given.find(value) for value in _values(given, domain.comm)}
+    return {name: np.sort(cells[cells < own]).astype(np.int32) for name, cells in cells_by_name.items()}
 
 
 def _sides(domain: Any) -> int:
@@ -172,12 +172,12 @@ def _of_tags(
     """Each value of MeshTags as a face; one with facets inside the body is refused where it is used."""
     comm: MPI.Comm = domain.comm
     on_all_ranks(lambda: _refuse_tags(domain, tags, _sides(domain)), f"{what}: faces", comm)
-    found: Groups = {}
+    groups: Groups = {}
     refused: dict[str, str] = {}
     for value in _values(tags, comm):
         name, facets = _name(value, names), _facets(domain, tags.find(value))
         if count := comm.allreduce(int(np.sum(~np.isin(facets, boundary)))):
             refused[name] = f"face {name!r} of the MeshTags has {count} facets inside the body"
         else:
-            found[name] = facets
-    return found, refused
+            groups[name] = facets
+    return groups, refused

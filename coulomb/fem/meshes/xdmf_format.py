@@ -103,9 +103,9 @@ class XdmfFile:
     def __init__(self, path: str, comm: MPI.Comm):
         self.path, self.comm = path, comm
         self._texts: list[npt.NDArray[Any]] = []
-        found = comm.bcast(on_first_rank(comm, path, self._described))
-        self.grids: list[XdmfGrid] = found[0]
-        self.names: dict[str, dict[str, int]] = found[1]
+        described = comm.bcast(on_first_rank(comm, path, self._described))
+        self.grids: list[XdmfGrid] = described[0]
+        self.names: dict[str, dict[str, int]] = described[1]
 
     def part(self, array: XdmfArray, width: int | None = None) -> npt.NDArray[Any]:
         """This rank's rows, of `width` numbers, by default those that the array has: shared evenly; those in the XML
@@ -134,12 +134,12 @@ class XdmfFile:
     def beside(self, values: XdmfArray, rows: int) -> npt.NDArray[Any]:
         """The values of an array with one number per row of another one, of which this rank has so many rows;
         collective."""
-        found = np.ravel(self.part(values, 1))
-        theirs, ours = starts_of(self.comm, len(found)), starts_of(self.comm, rows)
+        values_here = np.ravel(self.part(values, 1))
+        theirs, ours = starts_of(self.comm, len(values_here)), starts_of(self.comm, rows)
         if np.array_equal(theirs, ours):
-            return found
+            return values_here
         mine = np.arange(ours[self.comm.rank], ours[self.comm.rank + 1])
-        return fetched(self.comm, theirs, mine, found)
+        return fetched(self.comm, theirs, mine, values_here)
 
     def _described(self) -> tuple[list[XdmfGrid], dict[str, dict[str, int]]]:
         tree = xml_of(self.path)
@@ -222,10 +222,10 @@ def _form(item: ElementTree.Element) -> str:
 
 def _place(path: str, item: ElementTree.Element) -> tuple[str, str]:
     text = (item.text or "").strip()
-    name, found, inside = text.rpartition(":/")  # the name of a file may have a colon
-    if not found:
+    name, colon, inside = text.rpartition(":/")  # the name of a file may have a colon
+    if not colon:
         name, _, inside = text.partition(":")
-    return str(Path(path).parent / name), f"/{inside}" if found else inside
+    return str(Path(path).parent / name), f"/{inside}" if colon else inside
 
 
 def _opened(path: str, item: ElementTree.Element) -> h5py.File:
@@ -363,13 +363,13 @@ def _in_mesh(grid: _Grid, mesh: _Grid) -> IntArray:
     wanted = fetched(comm, starts_of(comm, len(grid.points)), used, grid.points)
     ask = Exchange(comm, slabs.of(wanted))
     asked = ask.send(wanted)
-    found: IntArray = np.full(len(asked), -1, dtype=np.int64)
+    place: IntArray = np.full(len(asked), -1, dtype=np.int64)
     if len(x):
         distance, nearest = tree_of(x).query(asked, k=2)
-        found = np.where(distance[:, 0] <= near, number[nearest[:, 0]], -1)
-        found[distance[:, 1] <= near] = -2
-    found = ask.reply(found)
-    least = comm.allreduce(int(np.min(found, initial=0)), op=MPI.MIN)
+        place = np.where(distance[:, 0] <= near, number[nearest[:, 0]], -1)
+        place[distance[:, 1] <= near] = -2
+    place = ask.reply(place)
+    least = comm.allreduce(int(np.min(place, initial=0)), op=MPI.MIN)
     if least == -2:
         raise ValueError(
             f"{grid.file.path}: has points at which the mesh {mesh.file.path} has several nodes, of parts that touch, "
@@ -377,7 +377,7 @@ def _in_mesh(grid: _Grid, mesh: _Grid) -> IntArray:
         )
     if least < 0:
         raise ValueError(f"{grid.file.path}: has points that are none of the mesh {mesh.file.path}")
-    return found[inverse.ravel()].reshape(grid.rows.shape)
+    return place[inverse.ravel()].reshape(grid.rows.shape)
 
 
 def _corners_in_mesh(grid: _Grid, mesh: _Grid) -> IntArray:
@@ -398,9 +398,9 @@ def _rows_of_cells(grid: _Grid, mesh: _Grid) -> IntArray:
     there, number = here.send(ours), here.send(numbers)
     ask = Exchange(comm, owner_of(hubs, theirs[:, 0]))
     first, which = distinct(np.vstack([there, ask.send(theirs)]))
-    found = first[which][len(there) :]
-    known = found < len(there)
-    cell = ask.reply(np.where(known, np.append(number, -1)[np.where(known, found, -1)], -1))
+    row = first[which][len(there) :]
+    known = row < len(there)
+    cell = ask.reply(np.where(known, np.append(number, -1)[np.where(known, row, -1)], -1))
     if comm.allreduce(bool(np.any(cell < 0)), op=MPI.LOR):
         raise ValueError(f"{grid.file.path}: has cells that are none of the mesh {mesh.file.path}")
     return np.asarray(cell, dtype=np.int64)
@@ -417,7 +417,7 @@ def _grids(
     """The Grids of these kinds in a file; without points of their own, they refer to those of the mesh; points may be
     in 2D if `flat`; collective."""
     path, comm = file.path, file.comm
-    found: list[_Grid] = []
+    grids: list[_Grid] = []
     seen: list[str] = []
     for grid in file.grids:
         kind, _, nodes = grid.kind.partition("_")
@@ -427,22 +427,22 @@ def _grids(
             refuse_cells(path, {f"cells of kind {kind}": int(nodes) if nodes.isdigit() else _OTHER_CELLS.get(kind, 0)})
         if kind not in kinds:
             continue
-        geometry, points = _points(file, grid.geometry, mesh, found, flat)
+        geometry, points = _points(file, grid.geometry, mesh, grids, flat)
         rows = file.part(grid.topology, _WIDTH[kind]).astype(np.int64)
         count = comm.allreduce(len(points))
         unknown = bool(len(rows) and not (0 <= rows.min() and rows.max() < count))
         if comm.allreduce(unknown, op=MPI.LOR):
             raise ValueError(f"{path}: has a cell or facet with a point that the file does not define")
-        found.append(_Grid(file, kind, rows, geometry, points, grid.numbers, grid.of_nodes))
-    if not found and not optional:
+        grids.append(_Grid(file, kind, rows, geometry, points, grid.numbers, grid.of_nodes))
+    if not grids and not optional:
         raise ValueError(f"{path}: has no {what} ({', '.join(kinds)}); it has {', '.join(seen) or 'nothing'}")
-    return found
+    return grids
 
 
 def _points(
-    file: XdmfFile, geometry: XdmfArray | None, mesh: _Grid | None, found: list[_Grid], flat: bool
+    file: XdmfFile, geometry: XdmfArray | None, mesh: _Grid | None, before: list[_Grid], flat: bool
 ) -> tuple[tuple[str, XdmfArray], FloatArray]:
-    for other in (*found, *([mesh] if mesh is not None else [])):
+    for other in (*before, *([mesh] if mesh is not None else [])):
         if geometry is None or other.geometry == (file.path, geometry):
             return other.geometry, other.points
     width = 0 if geometry is None or len(geometry.shape) != 2 else geometry.shape[1]

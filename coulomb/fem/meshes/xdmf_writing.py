@@ -43,8 +43,8 @@ class HDF5Target:
         return len(view)
 
     def read(self, size: int) -> bytes:
-        found = self._attempt(lambda: self._file.read(size)) or b""
-        return bytes(found).ljust(size, b"\0")  # what could not be written is missing
+        content = self._attempt(lambda: self._file.read(size)) or b""
+        return bytes(content).ljust(size, b"\0")  # what could not be written is missing
 
     def seek(self, *place: int) -> int:
         return self._file.seek(*place)

@@ -397,11 +397,11 @@ class MatrixFreeCompliance(LimitedProducts):
 
     def elimination(self, springs: FloatArray | None = None) -> Elimination:
         """K^-1 by a V-cycle; with springs (m, 3, 3) of contact points, newtons per metre, of K + B^T springs B."""
-        solver, found = self._solver if springs is None else self._with(springs), list[FloatArray]()
+        solver, displacements = self._solver if springs is None else self._with(springs), list[FloatArray]()
 
         def begin(forces: FloatArray) -> FloatArray:
-            found[:] = map(cycle, forces)
-            return np.array([self._moved(u) for u in found])
+            displacements[:] = map(cycle, forces)
+            return np.array([self._moved(u) for u in displacements])
 
         def cycle(f: FloatArray) -> FloatArray:
             self._rhs.array[:] = f
@@ -409,7 +409,7 @@ class MatrixFreeCompliance(LimitedProducts):
             return self._u.array_r.copy()
 
         def end(_: FloatArray) -> FloatArray:  # what contact forces leave over is for the next application
-            return np.array(found)
+            return np.array(displacements)
 
         return Elimination(self._solver, self.B, begin, end, springs is not None)
 

@@ -67,15 +67,15 @@ class FirstRankSolver:
         self._mine = np.flatnonzero((unknowns >= self._start) & (unknowns < self._end))
         self._at = unknowns[self._mine] - self._start
 
-    def _of_first(self, found: Callable[[], Found]) -> Found:
+    def _of_first(self, compute: Callable[[], Found]) -> Found:
         """What the first rank finds, or its error, on all ranks."""
         result: Any = None
         if self.comm.rank == 0:
             try:
-                result = found()
+                result = compute()
             except (ValueError, MemoryError) as error:
                 result = error
-            state = [(one.single, one.error, one.name) for one in self._solvers]
+            state = [(solver.single, solver.error, solver.name) for solver in self._solvers]
         else:
             state = []
         result, state = self.comm.bcast((result, state))
@@ -101,8 +101,8 @@ class FirstRankSolver:
     def improved(self, rhs: FloatArray, u: FloatArray, tolerance: float) -> tuple[FloatArray, float]:
         """See `MultifrontalSolver`, of this rank's parts of shape (n,)."""
         f, near = np.ascontiguousarray(concatenated(self.comm, np.column_stack([rhs, u])).T)
-        found, left = self._of_first(lambda: self._solvers[0].improved(f, near, tolerance))
-        return found[self._start : self._end], left
+        solutions, left = self._of_first(lambda: self._solvers[0].improved(f, near, tolerance))
+        return solutions[self._start : self._end], left
 
     def approximate(self, rhs: PETSc.Vec, u: PETSc.Vec) -> None:
         """u <- K^-1 rhs, to the accuracy of the factors; see `StiffnessSolver`."""

@@ -60,11 +60,11 @@ class FrontalFactors:
         self._widest, self._work = 3 * int(border.max(initial=0)), np.empty(0, dtype=self.dtype)
         self.heads: list[Real] = []
         self.below: list[Real] = []
-        at = 0
+        row = 0
         for e, b in zip(3 * own, 3 * border, strict=True):
-            self.heads.append(memory[at : at + e * e].reshape((e, e), order="F"))
-            self.below.append(memory[at + e * e : at + e * (e + b)].reshape((b, e), order="F"))
-            at += e * (e + b)
+            self.heads.append(memory[row : row + e * e].reshape((e, e), order="F"))
+            self.below.append(memory[row + e * e : row + e * (e + b)].reshape((b, e), order="F"))
+            row += e * (e + b)
         with np.errstate(all="ignore"):  # above the diagonal is anything
             self._eliminate(fronts)
 

@@ -280,8 +280,8 @@ class MultifrontalSolver:
     def _substituted(self, L: Real, x: Real, trans: int) -> Real:
         """L^-1 x, or L^-T x, shapes (..., rows of L)."""
         trsm = strsm if self.single else dtrsm
-        found: Real = trsm(1.0, L, x.reshape(-1, len(L)).T, lower=1, trans_a=trans).T.reshape(x.shape)
-        return found
+        solution: Real = trsm(1.0, L, x.reshape(-1, len(L)).T, lower=1, trans_a=trans).T.reshape(x.shape)
+        return solution
 
     def _last_fronts(self) -> list[tuple[Real, slice]]:
         """L of the nodes `last` of each body, and their places in the order of elimination."""
@@ -418,8 +418,8 @@ def _by_lapack(routine: Callable[..., Any], L: Real) -> Real:
     n = len(L) + len(L) % 2  # even: with others OpenBLAS 0.3.21 crashes, in single precision on newer processors
     even = np.eye(n, dtype=L.dtype, order="F")
     even[: len(L), : len(L)] = L
-    found: Real = routine(even, lower=1, overwrite_c=1)[0][: len(L), : len(L)]
-    return found
+    inverse: Real = routine(even, lower=1, overwrite_c=1)[0][: len(L), : len(L)]
+    return inverse
 
 
 def _squares(inverse: Real, rows: scipy.sparse.csr_matrix) -> FloatArray:

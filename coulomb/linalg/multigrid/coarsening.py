@@ -73,15 +73,15 @@ class WholeBlocks:
 def _block_rows(entries: Entries, size: int, columns: int) -> BlockRows:
     rows = (len(entries.indptr) - 1) // size
     indptr, indices = (array.astype(np.int32, copy=False) for array in entries[:2])
-    pointers, found = np.empty(rows + 1, np.int32), np.empty(len(indices) // size, np.int32)
-    if kernels().block_pattern(rows, size, indptr, indices, pointers, found):
-        return BlockRows(pointers, found[: pointers[-1]], entries.values)
+    pointers, block_columns = np.empty(rows + 1, np.int32), np.empty(len(indices) // size, np.int32)
+    if kernels().block_pattern(rows, size, indptr, indices, pointers, block_columns):
+        return BlockRows(pointers, block_columns[: pointers[-1]], entries.values)
     blocks = scipy.sparse.csr_matrix((entries.values, indices, indptr), shape=(size * rows, columns)).tobsr(
         (size, size)
     )
     blocks.sort_indices()
-    pointers, found = (array.astype(np.int32, copy=False) for array in (blocks.indptr, blocks.indices))
-    return BlockRows(pointers, found, entries_of(pointers, found, blocks.data, 1).values)
+    pointers, block_columns = (array.astype(np.int32, copy=False) for array in (blocks.indptr, blocks.indices))
+    return BlockRows(pointers, block_columns, entries_of(pointers, block_columns, blocks.data, 1).values)
 
 
 def entries_of(pointers: _Array, columns: _Array, blocks: FloatArray, threads: int) -> Entries:
@@ -304,9 +304,9 @@ def _gathered(P: DistributedBlocks, pointers: _Array, columns: _Array, blocks: F
     order = np.lexsort((numbers, rows))
     rows, numbers = rows[order] - first, numbers[order]
     new = np.append(True, (np.diff(rows) != 0) | (np.diff(numbers) != 0))[: len(rows)]
-    at = np.flatnonzero(new)
-    values = np.add.reduceat(values[order], at, axis=0) if len(at) else values
-    rows, numbers = rows[at], numbers[at]
+    positions = np.flatnonzero(new)
+    values = np.add.reduceat(values[order], positions, axis=0) if len(positions) else values
+    rows, numbers = rows[positions], numbers[positions]
 
     inside = (numbers >= first) & (numbers < end)
     needed, place = np.unique(numbers[~inside], return_inverse=True)
@@ -327,14 +327,14 @@ def with_diagonal(matrix: DistributedEntries) -> DistributedEntries:
     indptr, indices, values = matrix.own
     empty = np.flatnonzero(np.diff(indptr) == 0).astype(np.int32)
     if len(empty):
-        at = indptr[empty]
-        indices, values = np.insert(indices, at, empty), np.insert(values, at, 0.0)
+        places = indptr[empty]
+        indices, values = np.insert(indices, places, empty), np.insert(values, places, 0.0)
         indptr = indptr + np.searchsorted(empty, np.arange(len(indptr))).astype(np.int32)
         matrix = matrix._replace(own=matrix.own._replace(indptr=indptr, indices=indices, values=values))
     row = np.repeat(np.arange(len(indptr) - 1, dtype=np.int32), np.diff(indptr))
-    at = np.flatnonzero(indices == row)
-    none = values[at] == 0.0
+    places = np.flatnonzero(indices == row)
+    none = values[places] == 0.0
     if np.any(none):
-        mean = values[at][~none].mean() if not np.all(none) else 1.0
-        values[at[none]] = mean
+        mean = values[places][~none].mean() if not np.all(none) else 1.0
+        values[places[none]] = mean
     return matrix

@@ -308,14 +308,14 @@ def _cycle(
 ) -> MultigridCycle | None:
     """On a grid with its coarser ones; None if there are none; `first` if it is the first of aggregates."""
     level = Level(matrix, size, accurate=finest or size == 6)
-    found = coarser(matrix, size, motions, level.inverse, level.largest)
-    if found is None:
+    coarse = coarser(matrix, size, motions, level.inverse, level.largest)
+    if coarse is None:
         level.blocks.destroy()
         return None
-    stalled = found.matrix.starts[-1] > _STALLED * matrix.starts[-1]
-    solver = _solver(found.matrix, 6, found.motions, stalled, first=size == 3)
+    stalled = coarse.matrix.starts[-1] > _STALLED * matrix.starts[-1]
+    solver = _solver(coarse.matrix, 6, coarse.motions, stalled, first=size == 3)
     large = first or matrix.others is None or matrix.starts[-1] >= TWICE_FROM * matrix.comm.size
-    return _cycle_on(level, found.P, (size, 6), solver, again=size == 6 and large)
+    return _cycle_on(level, coarse.P, (size, 6), solver, again=size == 6 and large)
 
 
 def _cycle_on(

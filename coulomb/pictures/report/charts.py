@@ -260,7 +260,7 @@ def torque(run: Run) -> str:
 def _drive(run: Run) -> tuple[Any, str]:
     """The largest motion in a history at every step, (steps, 3), and its source: a prescribed displacement or the
     foundation."""
-    found: list[tuple[Any, str]] = []
+    driven_by: list[tuple[Any, str]] = []
     body = run.steps[0].grid("solution")
     if "held" in body.fields and "prescribed" in body.fields:
         held = np.any(body.fields["held"] > 0.0, axis=1)
@@ -268,15 +268,15 @@ def _drive(run: Run) -> tuple[Any, str]:
         table = np.stack([other.fields["prescribed"][nodes_of(body, other)[held]] for other in others])
         driven = np.any(np.ptp(table, axis=0) > 0.0, axis=1)
         if driven.any():
-            found.append((table[:, driven].mean(axis=1), "prescribed displacement"))
+            driven_by.append((table[:, driven].mean(axis=1), "prescribed displacement"))
     given = (run.case or {}).get("contact") or {}
     for motion in (contact.get("motion") for contact in (given if isinstance(given, list) else [given])):
         if not motion:
             continue
         moved = values_in_time(motion, [step.time or 0.0 for step in run.steps])
-        found.append((moved, "displacement of the foundation"))
-    found = [entry for entry in found if np.any(np.ptp(entry[0], axis=0) > 0.0)]
-    return max(found, key=lambda entry: float(np.max(np.ptp(entry[0], axis=0))), default=(None, ""))
+        driven_by.append((moved, "displacement of the foundation"))
+    driven_by = [entry for entry in driven_by if np.any(np.ptp(entry[0], axis=0) > 0.0)]
+    return max(driven_by, key=lambda entry: float(np.max(np.ptp(entry[0], axis=0))), default=(None, ""))
 
 
 def meshes(run: Run) -> str:

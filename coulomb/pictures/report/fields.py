@@ -72,13 +72,13 @@ class Field:
         """
         if self.name not in grid.fields:
             raise ValueError(f"{self.file}.xdmf has no field {self.name}; it has {', '.join(sorted(grid.fields))}")
-        found: FloatArray = np.asarray(grid.fields[self.name], dtype=np.float64)
+        values: FloatArray = np.asarray(grid.fields[self.name], dtype=np.float64)
         if self.zones and OPPOSITE in grid.fields:  # on faces opposite what has no partner is shown as open
-            return np.where((grid.fields[OPPOSITE] >= 0.0) & (np.rint(found) == _HELD), 0.0, found)
+            return np.where((grid.fields[OPPOSITE] >= 0.0) & (np.rint(values) == _HELD), 0.0, values)
         if not self.vector:
-            return found
-        magnitude: FloatArray = np.linalg.norm(found, axis=-1)
-        return magnitude if self.component is None else found[:, self.component]
+            return values
+        magnitude: FloatArray = np.linalg.norm(values, axis=-1)
+        return magnitude if self.component is None else values[:, self.component]
 
     def limits(self, values: FloatArray, least: float = 0.0) -> tuple[float, float]:
         """Range of the colours: symmetric for signed values, from 0 for magnitudes, 0 to 1 for fractions and where no
@@ -195,13 +195,13 @@ class Limits:
         values = self.exact(values)
         if not self.ends:
             return [Bar(self.low, self.high, float(np.min(values)), float(np.max(values)))]
-        at, found = self.end_at(grid), []
+        end_of, bars = self.end_at(grid), []
         for end in sorted(set(self.ends), reverse=True):
             names = [name for name, own in zip(self.names, self.ends, strict=True) if own == end]
-            mine = values[at == end]
+            mine = values[end_of == end]
             ends = (float(np.min(mine, initial=0.0)), float(np.max(mine, initial=0.0)))
-            found.append(Bar(end * self.low / self.high, end, *ends, in_few(names, room=50)))
-        return found
+            bars.append(Bar(end * self.low / self.high, end, *ends, in_few(names, room=50)))
+        return bars
 
 
 def limits_of(run: Run, field: Field) -> Limits:

@@ -186,27 +186,27 @@ def nodes_in_body(contact: Grid, body: Grid) -> IntArray:
     """The node of its own body at every point of the contact faces, shape (n,): bodies touch at coincident nodes.
     Without the numbers of the nodes, or if the body is none (`Step`), the nearest of this body."""
     of_body, everywhere = {one.name: one.points for one in body.blocks}, slice(0, len(body.points))
-    found = np.rint(contact.fields.get(NODE, np.zeros(len(contact.points)))).astype(np.int64)
+    node = np.rint(contact.fields.get(NODE, np.zeros(len(contact.points)))).astype(np.int64)
     for block in blocks_of(contact):
         nodes, x = of_body.get(body_of(block.name), everywhere), contact.points[block.points]
-        here = np.minimum(nodes.start + found[block.points], nodes.stop - 1)
+        here = np.minimum(nodes.start + node[block.points], nodes.stop - 1)
         if not np.array_equal(body.points[here], x):
             here = nodes.start + tree_of(body.points[nodes]).query(x)[1]
-        found[block.points] = here
-    return found
+        node[block.points] = here
+    return node
 
 
 def nodes_of(one: Grid, other: Grid) -> IntArray:
     """The points of a grid in another state, `other`, that are the points of `one` (k, 3): nodes may be in another
     order.  Those of a block are in the block of the same name."""
     there = {block.name: block for block in blocks_of(other)}
-    found = np.zeros(len(one.points), dtype=np.int64)
+    node = np.zeros(len(one.points), dtype=np.int64)
     for block in blocks_of(one):
         same, x = there[block.name], one.points[block.points]
         inside = in_a_cell(x, one.cells[block.cells] - block.points.start)
         points, cells = other.points[same.points], other.cells[same.cells] - same.points.start
-        found[block.points] = same.points.start + same_nodes(x, inside, points, cells, 1e-9 * float(np.ptp(x)))
-    return found
+        node[block.points] = same.points.start + same_nodes(x, inside, points, cells, 1e-9 * float(np.ptp(x)))
+    return node
 
 
 def drawn_apart(body: Grid, contact: Grid) -> tuple[Grid, Grid]:
@@ -332,6 +332,6 @@ def patches(cells: IntArray, points: FloatArray) -> Any:
         pieces.append(np.stack([corners, middle, centre, np.roll(middle, 1, axis=1)], axis=2).reshape(-1, 3))
         nodes.append(of.ravel())
     corner = np.concatenate(nodes)
-    found = renderer().PolyData(np.concatenate(pieces), polygons(np.arange(4 * len(corner)).reshape(-1, 4)))
-    found.cell_data["node"] = corner
-    return found
+    grid = renderer().PolyData(np.concatenate(pieces), polygons(np.arange(4 * len(corner)).reshape(-1, 4)))
+    grid.cell_data["node"] = corner
+    return grid

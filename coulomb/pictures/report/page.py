@@ -162,7 +162,7 @@ def _tiles(run: Run) -> list[tuple[str, str]]:
 
 def _pictures(run: Run, scale: float) -> list[dict[str, Any]]:
     """Pictures of the last step, with their colour legends."""
-    found = []
+    entries = []
     step = run.steps[-1]
     for name, view in (*PICTURES, *(OF_HISTORIES if run.is_history else ())):
         field = named(name)
@@ -189,8 +189,8 @@ def _pictures(run: Run, scale: float) -> list[dict[str, Any]]:
         else:
             grid = step.grid(field.file)
             entry["bars"] = [_bar(field, bar) for bar in limits.bars(field.values(grid), grid)]
-        found.append(entry)
-    return found
+        entries.append(entry)
+    return entries
 
 
 def _bar(field: Field, bar: Bar) -> dict[str, Any]:
@@ -203,14 +203,14 @@ def _bar(field: Field, bar: Bar) -> dict[str, Any]:
 
 def _axes(shot: Shot) -> list[dict[str, Any]]:
     """Name, colour, end and place of the name of each axis on a square from -1.7 to 1.7, down positive as in SVG."""
-    found = []
+    axes = []
     for name, colour, (right, up) in zip("xyz", AXES, shot.axes, strict=True):
         length = float(np.hypot(right, up))
         away = (right / length, up / length) if length > 0.1 else (0.7, 0.7)  # otherwise it points at the camera
         place = [1.25 * length * v + 0.38 * w for v, w in zip((right, up), away, strict=True)] if length > 0.1 else away
         ends = {"x": float(right), "y": -float(up), "name_x": float(place[0]), "name_y": 0.17 - float(place[1])}
-        found.append({"name": name, "colour": colour, **ends})
-    return found
+        axes.append({"name": name, "colour": colour, **ends})
+    return axes
 
 
 def _charts(run: Run) -> dict[str, str]:

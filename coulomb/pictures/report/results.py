@@ -91,10 +91,10 @@ def history_totals(run: Run) -> Facts:
     return [*rows, ("step intervals halved", str(halved))] if halved else rows
 
 
-def _at_step(found: dict[str, Any], unit: str, accuracy: Mapping[str, float]) -> str:
+def _at_step(largest: dict[str, Any], unit: str, accuracy: Mapping[str, float]) -> str:
     """A maximum with its step: 133.8 kPa (step 6, time 6 s)."""
-    value = quantity(found["value"], unit, 5, accuracy)
-    return f"{value} (step {found['step']}, time {in_seconds(found['time'])})"
+    value = quantity(largest["value"], unit, 5, accuracy)
+    return f"{value} (step {largest['step']}, time {in_seconds(largest['time'])})"
 
 
 def effort(run: Run) -> Facts:
@@ -241,8 +241,8 @@ def _rotating_foundations(run: Run) -> list[tuple[str, str]]:
     rows = []
     for face in [face for face in summary["faces"] if "torque" in face]:
         where = f" of {face['faces'][0]}" if len(summary["faces"]) > 1 else ""
-        at = f"{quantity(face['torque'], 'N m', 5, accuracy)} at {number(face['angle'], 5)} rad"
-        rows.append((f"torque of the contact on the foundation{where}", at))
+        said = f"{quantity(face['torque'], 'N m', 5, accuracy)} at {number(face['angle'], 5)} rad"
+        rows.append((f"torque of the contact on the foundation{where}", said))
         if face["power"] is not None:
             least = {"W": accuracy["N m"] * abs(face["angular_velocity"])}
             speed = f"{quantity(face['power'], 'W', 5, least)} at {number(face['angular_velocity'], 5)} rad/s"
@@ -327,9 +327,9 @@ def error_bars(run: Run) -> Table:
 
 def left_by_tolerance(run: Run) -> str:
     """What part of the error bars the tolerance of the solver leaves, as a sentence; empty without error bars."""
-    if (found := share_of_tolerance(run.summary)) is None:
+    if (largest := share_of_tolerance(run.summary)) is None:
         return ""
-    share, total = found
+    share, total = largest
     part = f"{number(100.0 * share, 2)}{NARROW}% of an error bar, that of {total}"
     return f"The solver's tolerance, {number(run.tolerance)}, leaves at most {part}; the rest is of the mesh."
 

@@ -100,7 +100,7 @@ def framing(points: FloatArray, direction: FloatArray, up: FloatArray, most: tup
     half = [max(0.5 * float(np.ptp(seen)), least) * (1.0 + 2.0 * MARGIN) for seen in (across, along)]
     width = max(half[0], SHAPES[0] * half[1])
     height = max(half[1], width / SHAPES[1])
-    at = [0.5 * float(seen.min() + seen.max()) for seen in (across, along)]
+    centre = [0.5 * float(seen.min() + seen.max()) for seen in (across, along)]
     shape = width / height
     pixels = (most[0], round(most[0] / shape)) if shape > most[0] / most[1] else (round(most[1] * shape), most[1])
     camera = renderer().Camera()
@@ -109,7 +109,7 @@ def framing(points: FloatArray, direction: FloatArray, up: FloatArray, most: tup
     camera.SetParallelScale(height)
     if not parallel:
         camera.SetViewAngle(2.0 * float(np.degrees(np.arctan(height))))
-    camera.SetWindowCenter(at[0] / width, at[1] / height)
+    camera.SetWindowCenter(centre[0] / width, centre[1] / height)
     camera.is_set = True
     return Camera(camera, pixels, np.column_stack([right, above]), pixels[1] / height)
 
@@ -216,7 +216,7 @@ def shoot(step: Step, look: Look, size: tuple[int, int] = (1500, 1100), camera: 
 
 def shots_of(steps: Sequence[Step], look: Look, camera: Camera) -> list[Shot]:
     """Render states of the body one after another, by one window."""
-    plotter, found = _off_screen(), []
+    plotter, shots = _off_screen(), []
     for step in steps:
         plotter.suppress_rendering = True  # pyvista would draw at every change
         plotter.window_size = camera.size
@@ -229,8 +229,8 @@ def shots_of(steps: Sequence[Step], look: Look, camera: Camera) -> list[Shot]:
         if bodies is not None:
             bodies.SetVisibility(False)
             pixels = _shown_through(pixels, _pixels(plotter))
-        found.append(Shot(pixels, camera.axes))
-    return found
+        shots.append(Shot(pixels, camera.axes))
+    return shots
 
 
 @cache

@@ -42,10 +42,10 @@ def compared_in_words(summary: Mapping[str, Any]) -> str:
 def bars_in_words(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
     """Name, value with error bar, and observed order of every total in the entry `error` of a summary, but of those
     that are 0 to the tolerance of the solver; before them the error of the stress as a part of it."""
-    found = summary.get("error") or {}
-    if (stress := found.get("relative_stress_error")) is not None:
+    accuracy = summary.get("error") or {}
+    if (stress := accuracy.get("relative_stress_error")) is not None:
         yield "stress, energy norm", f"± {number(100.0 * stress, 2)}{NARROW}%", "–"
-    for bar in found.get("bars", ()):
+    for bar in accuracy.get("bars", ()):
         value, error, order = bar["value"], bar["error"], bar["order"]
         values, bars = ([one] if isinstance(one, float) else one for one in (value, error))
         left = bar.get("parts", {}).get("algebraic", math.inf)
@@ -66,19 +66,19 @@ def other_totals(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, dict[st
     entries = summary.get("sensitivity") or ()
     for kind, words, name, unit in _OTHERS:
         for of in entries[0].get(kind, ()) if entries else ():
-            found = {
-                one["input"]: [0.01 * change for change in (given if isinstance(given, list) else [given])]
-                for one in entries
-                if (given := one.get(kind, {}).get(of, {}).get(name)) is not None
+            change_of = {
+                entry["input"]: [0.01 * change for change in (given if isinstance(given, list) else [given])]
+                for entry in entries
+                if (given := entry.get(kind, {}).get(of, {}).get(name)) is not None
             }
-            sizes = {given: math.hypot(*change) for given, change in found.items()}
+            sizes = {given: math.hypot(*change) for given, change in change_of.items()}
             largest = [given for given in sorted(sizes, key=lambda given: -sizes[given]) if sizes[given] > 0.0]
-            fixed = name == "mean_pressure" and not any(one[kind][of]["contact_area"] for one in entries)
+            fixed = name == "mean_pressure" and not any(entry[kind][of]["contact_area"] for entry in entries)
             if not fixed and largest:
                 where = of.removeprefix("heat_").replace("_", " ") if kind == "heat_flows" else of
                 total = f"{words} {where!r}" if of else words.removesuffix(" of")
                 shown = [given for given in largest if sizes[given] > _ROUNDING * sizes[largest[0]]]
-                yield total, unit, {given: found[given] for given in shown}
+                yield total, unit, {given: change_of[given] for given in shown}
 
 
 _ROUNDING: Final = 1e-8
@@ -115,14 +115,14 @@ def share_of_tolerance(summary: Mapping[str, Any]) -> tuple[float, str] | None:
     Totals that are less than this part, and those with a bar beyond their fourth digit, do not count: some are 0 and
     some exact on any mesh, as forces that follow from the loads alone, and have no error but this one.
     """
-    found = []
+    shares = []
     for bar in (summary.get("error") or {}).get("bars", ()):
         if "parts" in bar:
             of_all = (bar["value"], bar["error"], bar["parts"]["algebraic"])
             value, error, part = (math.hypot(*([of] if isinstance(of, float) else of)) for of in of_all)
             if part < value and error > _DIGITS * value:
-                found.append((part / error, _total_in_words(bar["quantity"])))
-    return max(found, default=None)
+                shares.append((part / error, _total_in_words(bar["quantity"])))
+    return max(shares, default=None)
 
 
 def _total_in_words(quantity: str) -> str:

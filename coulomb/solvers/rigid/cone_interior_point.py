@@ -78,10 +78,10 @@ def contradiction(problem: FrictionProblem, W: Any) -> str:
     constraints = scipy.sparse.hstack([-rows, np.ones((m, 1))]).tocsr()
     bounds = [(None, None)] * n + [(None, 1.0)]
     costs = np.append(np.zeros(n), -1.0)
-    found = linprog(costs, A_ub=constraints, b_ub=-b_n, bounds=bounds, options={"maxiter": 50 * n})
-    if found.x is None or found.x[-1] > -_CLEAR:
+    programme = linprog(costs, A_ub=constraints, b_ub=-b_n, bounds=bounds, options={"maxiter": 50 * n})
+    if programme.x is None or programme.x[-1] > -_CLEAR:
         return ""
-    d = np.maximum(-np.asarray(found.ineqlin.marginals), 0.0)
+    d = np.maximum(-np.asarray(programme.ineqlin.marginals), 0.0)
     against = float(b_n @ d)
     work, own = abs(float(d @ (rows[:, 0::3] @ d))), float(np.sqrt(np.maximum(W.diagonal()[0::3], 0.0)) @ d)
     if not (against > 0.0 and work <= _EXACT * own**2):  # masses decades apart, the light ones alone balance d
@@ -213,14 +213,14 @@ class _ConeRun:
 
     def _newton(self, X: FloatArray, limit: int) -> FloatArray:
         """Nonsmooth Newton steps from X as long as they make the natural map much smaller; the last X."""
-        at = self._cones.natural_map(X)
-        sizes = [float(np.linalg.norm(at.value))]
+        natural_map = self._cones.natural_map(X)
+        sizes = [float(np.linalg.norm(natural_map.value))]
         near = self._goal.residual
         for _ in range(limit):
-            if at.size <= near:
+            if natural_map.size <= near:
                 self._judged(X)
-                near = 0.1 * at.size
-            step = self._cones.newton_step(at, min(max(_REGULAR * at.size, _LEAST), _LARGEST))
+                near = 0.1 * natural_map.size
+            step = self._cones.newton_step(natural_map, min(max(_REGULAR * natural_map.size, _LEAST), _LARGEST))
             if step is None:
                 break
             alpha, new = 1.0, self._cones.natural_map(X + step)
@@ -231,11 +231,11 @@ class _ConeRun:
             self._recorded(X + alpha * step, new.size, alpha=alpha)
             if not size < sizes[-1]:
                 break
-            X, at = X + alpha * step, new
+            X, natural_map = X + alpha * step, new
             sizes.append(size)
             if len(sizes) > 4 and size > 0.5 * sizes[-4]:
                 break
-        if at.size <= 10.0 * self._goal.residual:
+        if natural_map.size <= 10.0 * self._goal.residual:
             self._judged(X)
         return X
 
@@ -244,19 +244,19 @@ class _ConeRun:
         end; their last X.
         """
         path = ConePath(self._cones)
-        at: ConeStep | None = path.start()
+        step: ConeStep | None = path.start()
         near, best, best_at, last = _NEAR, math.inf, 0, self._X
         for number in range(self._settings.path):
-            at = path.step(at) if at is not None else None
-            if at is None:
+            step = path.step(step) if step is not None else None
+            if step is None:
                 break
-            last, size = at.X, self._cones.natural_map(at.X).size
-            self._recorded(at.X, size, at)
+            last, size = step.X, self._cones.natural_map(step.X).size
+            self._recorded(step.X, size, step)
             if size <= near:
                 near = _NEARER * size
-                self._newton(at.X, self._settings.newton // 2)
-            if at.theta + at.infeasibility < 0.9 * best:
-                best, best_at = at.theta + at.infeasibility, number
+                self._newton(step.X, self._settings.newton // 2)
+            if step.theta + step.infeasibility < 0.9 * best:
+                best, best_at = step.theta + step.infeasibility, number
             if number - best_at > _STALLED:
                 break
         ended = [last, *islice(self._proximal_steps(last), _FROM_END)][-1]
@@ -284,21 +284,21 @@ class _ConeRun:
     def _proximal_step(self, centre: FloatArray, c: float) -> tuple[FloatArray | None, int]:
         """The step from the centre, by Newton's method, and its number of systems; None where it fails."""
         cones, X = self._cones, centre
-        at = cones.natural_map(X, centre, c)
+        natural_map = cones.natural_map(X, centre, c)
         for number in range(_NEWTON):
-            step = cones.proximal_step(at, c)
+            step = cones.proximal_step(natural_map, c)
             if step is None:
                 return None, number
-            size, alpha, new = np.linalg.norm(at.value), 1.0, cones.natural_map(X + step, centre, c)
+            size, alpha, new = np.linalg.norm(natural_map.value), 1.0, cones.natural_map(X + step, centre, c)
             while not np.linalg.norm(new.value) < (1.0 - 1e-4 * alpha) * size:
                 alpha *= 0.5
                 if alpha < _SHORTEST:
                     return None, number
                 new = cones.natural_map(X + alpha * step, centre, c)
-            X, at = X + alpha * step, new
-            self._recorded(at.projection.point, new.size, alpha=alpha)
-            if np.linalg.norm(at.value) <= _CLOSE * np.linalg.norm(at.projection.point - centre):
-                return at.projection.point, number + 1
+            X, natural_map = X + alpha * step, new
+            self._recorded(natural_map.projection.point, new.size, alpha=alpha)
+            if np.linalg.norm(natural_map.value) <= _CLOSE * np.linalg.norm(natural_map.projection.point - centre):
+                return natural_map.projection.point, number + 1
         return None, _NEWTON
 
     def _curve(self, opened: int | None = None) -> Iterator[None]:

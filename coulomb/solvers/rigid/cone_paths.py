@@ -100,12 +100,12 @@ class ConePath:
         size = float(np.linalg.norm(self._F(X, Z))) / np.sqrt(m)
         return ConeStep(X, Z, float(np.vdot(X, Z)) / m, size, sigma, alpha)
 
-    def step(self, at: ConeStep) -> ConeStep | None:
+    def step(self, point: ConeStep) -> ConeStep | None:
         """The next point, by one Newton matrix; None if there is none."""
-        X, Z, m = at.X, at.Z, self._problem.contacts
+        X, Z, m = point.X, point.Z, self._problem.contacts
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             P = scaling(X, Z)
-            keep = self._keeps(at)
+            keep = self._keeps(point)
             E = np.tile(np.eye(3), (m, 1, 1))
             if not keep:
                 slip = radius(Z)
@@ -120,30 +120,30 @@ class ConePath:
                 return dX, c - times(P.square, dX)
 
             dX, dZ = direction(-square)
-            sigma = self._centring(at, keep, min(1.0, step_to_boundary(X, dX), step_to_boundary(Z, dZ)))
+            sigma = self._centring(point, keep, min(1.0, step_to_boundary(X, dX), step_to_boundary(Z, dZ)))
             second = product(times(P.P, dX), times(P.inverse, dZ))
-            dX, dZ = direction(sigma * at.theta * self._e - square - second)
+            dX, dZ = direction(sigma * point.theta * self._e - square - second)
             alpha = min(1.0, _TO_BOUNDARY * min(step_to_boundary(X, dX), step_to_boundary(Z, dZ)))
-        return self._centred(at, dX, dZ, sigma, alpha)
+        return self._centred(point, dX, dZ, sigma, alpha)
 
-    def _keeps(self, at: ConeStep) -> bool:
+    def _keeps(self, point: ConeStep) -> bool:
         """Whether this step keeps the slip."""
-        blocked = 0.0 < at.alpha < _BLOCKED
+        blocked = 0.0 < point.alpha < _BLOCKED
         self._kept = max(self._kept - 1, int(blocked)) if self._kept else _KEPT * int(blocked)
         return self._kept > 0
 
-    def _centring(self, at: ConeStep, keep: bool, alpha: float) -> float:
+    def _centring(self, point: ConeStep, keep: bool, alpha: float) -> float:
         """sigma, from the length of the predictor; with the slip kept, theta must not decrease faster than F."""
         if keep:
-            return _CENTRING if at.infeasibility < _FEASIBLE * at.theta else 1.0
+            return _CENTRING if point.infeasibility < _FEASIBLE * point.theta else 1.0
         return max((1.0 - alpha) ** 3, _LEAST)
 
-    def _centred(self, at: ConeStep, dX: FloatArray, dZ: FloatArray, sigma: float, alpha: float) -> ConeStep | None:
+    def _centred(self, point: ConeStep, dX: FloatArray, dZ: FloatArray, sigma: float, alpha: float) -> ConeStep | None:
         """The longest step that stays near the path."""
         if not np.isfinite(alpha):
             return None
         while alpha > 1e-9:
-            X, Z = at.X + alpha * dX, at.Z + alpha * dZ
+            X, Z = point.X + alpha * dX, point.Z + alpha * dZ
             product_ = determinant(X) * determinant(Z)
             theta = float(np.vdot(X, Z)) / len(X)
             if float(product_.min()) >= (_NEAR_PATH * theta) ** 2:
@@ -273,47 +273,47 @@ class ConeCurve:
     def start(self) -> CurvePoint | None:
         """The solution at tau = 1, by damped Newton steps; None where they fail."""
         problem = self._problem
-        at = self._point(np.zeros((problem.contacts, 3)), 0.0)
+        point = self._point(np.zeros((problem.contacts, 3)), 0.0)
         for _ in range(_STARTING):
-            found = self._directions(at)
-            if found is None:
+            directions = self._directions(point)
+            if directions is None:
                 return None
-            self._found = found
-            if float(np.abs(at.relative(found.correction)).max()) < 0.1 * _ACCEPTED:
-                return at
-            size, alpha = float(np.linalg.norm(at.G)), 1.0
-            new = self._point(at.moved(found.correction), 0.0)
+            self._found = directions
+            if float(np.abs(point.relative(directions.correction)).max()) < 0.1 * _ACCEPTED:
+                return point
+            size, alpha = float(np.linalg.norm(point.G)), 1.0
+            new = self._point(point.moved(directions.correction), 0.0)
             while not np.linalg.norm(new.G) < (1.0 - 1e-4 * alpha) * size and alpha > _SHORTEST:
                 alpha *= 0.5
-                new = self._point(at.moved(alpha * found.correction), 0.0)
-            at = new
+                new = self._point(point.moved(alpha * directions.correction), 0.0)
+            point = new
         return None
 
     def _point(self, V: FloatArray, log: float) -> CurvePoint:
         return CurvePoint(self._problem, V, log, self._rho, self._gaps, self._soft)
 
-    def _directions(self, at: CurvePoint) -> _Directions | None:
+    def _directions(self, point: CurvePoint) -> _Directions | None:
         matrix = self._problem.matrix
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            L, D = at.newton_blocks()
+            L, D = point.newton_blocks()
             if not matrix.factorise(D, L):
                 return None
-            correction, along = matrix.solve(at.G, transposed=True), matrix.solve(at.G_log, transposed=True)
+            correction, along = matrix.solve(point.G, transposed=True), matrix.solve(point.G_log, transposed=True)
             if not (np.isfinite(correction).all() and np.isfinite(along).all()):
                 return None
         return _Directions(correction, along, -matrix.sign())
 
-    def step(self, at: CurvePoint) -> CurvePoint | None:
+    def step(self, point: CurvePoint) -> CurvePoint | None:
         """The next point; None at the end of the curve, or where no step succeeds."""
-        if at.tau < _REACHED * float(np.abs(at.X).max()):
+        if point.tau < _REACHED * float(np.abs(point.X).max()):
             return None
-        found = self._found
-        length = _norm(at, found.along, 1.0)
-        t, t_log = found.forward * found.along / length, found.forward / length
-        back = -_inner(at, t, t_log, found.correction, 0.0) / _inner(at, t, t_log, found.along, 1.0)
-        dV, log = found.correction + back * found.along, at.log + back
+        directions = self._found
+        length = _norm(point, directions.along, 1.0)
+        t, t_log = directions.forward * directions.along / length, directions.forward / length
+        back = -_inner(point, t, t_log, directions.correction, 0.0) / _inner(point, t, t_log, directions.along, 1.0)
+        dV, log = directions.correction + back * directions.along, point.log + back
         while self.h > _SHORTEST:
-            new, first = self._corrected(self._point(at.moved(dV + self.h * t), log + self.h * t_log), t, t_log)
+            new, first = self._corrected(self._point(point.moved(dV + self.h * t), log + self.h * t_log), t, t_log)
             if new is not None:
                 grown = min(2.0, max(0.3, np.sqrt(_AIM / max(first, 1e-9))))
                 self.h = min(self.h * grown, _LARGEST / max(abs(t_log), 0.1))
@@ -322,32 +322,32 @@ class ConeCurve:
             self.h *= 0.5
         return None
 
-    def _corrected(self, at: CurvePoint, t: FloatArray, t_log: float) -> tuple[CurvePoint | None, float]:
+    def _corrected(self, point: CurvePoint, t: FloatArray, t_log: float) -> tuple[CurvePoint | None, float]:
         """A point near the curve, by Newton steps orthogonal to (t, t_log), and the size of the first correction."""
         first, last = 0.0, np.inf
         for number in range(_CORRECTIONS):
-            found = self._directions(at)
-            if found is None:
+            directions = self._directions(point)
+            if directions is None:
                 break
-            along = _inner(at, t, t_log, found.along, 1.0)
-            d_log = -_inner(at, t, t_log, found.correction, 0.0) / along if along else np.inf
-            dV = found.correction + d_log * found.along
-            size = max(float(np.sqrt((at.relative(dV) ** 2).sum(axis=1)).max()), abs(d_log))
+            along = _inner(point, t, t_log, directions.along, 1.0)
+            d_log = -_inner(point, t, t_log, directions.correction, 0.0) / along if along else np.inf
+            dV = directions.correction + d_log * directions.along
+            size = max(float(np.sqrt((point.relative(dV) ** 2).sum(axis=1)).max()), abs(d_log))
             first = first if number else size
             if size < _ACCEPTED:
-                self._found = found
-                return at, first
+                self._found = directions
+                return point, first
             if not size < min(_CONTRACTING, 0.5 * last):
                 break
             last = size
-            at = self._point(at.moved(dV), at.log + d_log)
+            point = self._point(point.moved(dV), point.log + d_log)
         return None, first
 
 
-def _inner(at: CurvePoint, V: FloatArray, log: float, dV: FloatArray, dlog: float) -> float:
+def _inner(point: CurvePoint, V: FloatArray, log: float, dV: FloatArray, dlog: float) -> float:
     """The scalar product of two steps, that of V/r in the mean over the contacts."""
-    return float(np.vdot(at.relative(V), at.relative(dV))) / len(V) + log * dlog
+    return float(np.vdot(point.relative(V), point.relative(dV))) / len(V) + log * dlog
 
 
-def _norm(at: CurvePoint, dV: FloatArray, dlog: float) -> float:
-    return float(np.sqrt(_inner(at, dV, dlog, dV, dlog)))
+def _norm(point: CurvePoint, dV: FloatArray, dlog: float) -> float:
+    return float(np.sqrt(_inner(point, dV, dlog, dV, dlog)))

@@ -269,29 +269,29 @@ class ConeProblem:
         value = X - projection.point
         return NaturalMap(value, float(np.linalg.norm(value) / (1.0 + self._loads)), w, projection)
 
-    def newton_step(self, at: NaturalMap, proximal: float) -> FloatArray | None:
+    def newton_step(self, natural_map: NaturalMap, proximal: float) -> FloatArray | None:
         """The step of the nonsmooth Newton method, shape (m, 3); None where its matrix is singular.
 
         With the derivative G of the projection, E = 1 + e (0, w_t)^T/|w_t| and a proximal term in the matrix alone:
         (1 - G + rho G E (W + proximal)) dX = -value.
         """
-        G = at.projection.derivative()
-        L = self._slope(at, G)
-        return self._solved(np.eye(3) - G + proximal * L, L, at.value)
+        G = natural_map.projection.derivative()
+        L = self._slope(natural_map, G)
+        return self._solved(np.eye(3) - G + proximal * L, L, natural_map.value)
 
-    def proximal_step(self, at: NaturalMap, c: float) -> FloatArray | None:
+    def proximal_step(self, natural_map: NaturalMap, c: float) -> FloatArray | None:
         """The Newton step for a proximal step: (1 + rho/c G E W) dX = -value.
 
         Other pivots than the diagonal, that the size of 1/c asks for, make the factors up to fifteen times as slow.
         """
-        L = self._slope(at, at.projection.derivative()) / c
-        return self._solved(np.tile(np.eye(3), (self.contacts, 1, 1)), L, at.value, _DIAGONAL)
+        L = self._slope(natural_map, natural_map.projection.derivative()) / c
+        return self._solved(np.tile(np.eye(3), (self.contacts, 1, 1)), L, natural_map.value, _DIAGONAL)
 
-    def _slope(self, at: NaturalMap, G: FloatArray) -> FloatArray:
+    def _slope(self, natural_map: NaturalMap, G: FloatArray) -> FloatArray:
         """rho G E."""
-        slip = radius(at.w)
+        slip = radius(natural_map.w)
         E = np.tile(np.eye(3), (self.contacts, 1, 1))
-        E[:, 0, 1:] = at.w[:, 1:] / np.where(slip > 0.0, slip, 1.0)[:, None]
+        E[:, 0, 1:] = natural_map.w[:, 1:] / np.where(slip > 0.0, slip, 1.0)[:, None]
         return self.rho[:, :, None] * (G @ E)
 
     def _solved(self, D: FloatArray, L: FloatArray, value: FloatArray, diagonal: float = 0.01) -> FloatArray | None:

@@ -82,12 +82,12 @@ class MatrixAutomatic(SolverSettings):
             return self._by_methods(problem, task)
         first = self._in_own_units if problem.sloped else self._by_methods  # least norm is in these
         second = self._by_methods if problem.sloped else self._in_own_units
-        found = first(problem, task)
-        if found.status in (Status.CONVERGED, *DECISIVE):
-            return found
+        attempt = first(problem, task)
+        if attempt.status in (Status.CONVERGED, *DECISIVE):
+            return attempt
         other = second(problem, task)
         decided = other.status in (Status.CONVERGED, *DECISIVE)
-        return other if decided else min((found, other), key=lambda result: result.residual)
+        return other if decided else min((attempt, other), key=lambda result: result.residual)
 
     def _in_own_units(self, problem: FrictionProblem, task: Task) -> SolverResult:
         """`_by_methods` in units of force of each contact, if these are not alike."""
@@ -256,10 +256,10 @@ def solve_coulomb(
     """
     sweeps: Sweeps | None = None
     if solver is None and rigid is None and isinstance(cohesion, float | int) and cohesion == 0:
-        found = MatrixAutomatic().by_sweeps(A, b, friction)
-        if isinstance(found, SolverResult):
-            return found
-        sweeps = found
+        answer = MatrixAutomatic().by_sweeps(A, b, friction)
+        if isinstance(answer, SolverResult):
+            return answer
+        sweeps = answer
     compliance = _compliance(A)
     coefficient = _for_each("friction", friction, compliance.nodes)
     law = FrictionLaw(_for_each("cohesion", cohesion, compliance.nodes), coefficient)

@@ -81,13 +81,13 @@ class OwnUnits(NamedTuple):
         start = None if task.start is None else task.start / self.units
         return task._replace(start=start, gradient=None if task.gradient is None else task.gradient * self.units)
 
-    def result(self, found: SolverResult) -> SolverResult:
+    def result(self, scaled: SolverResult) -> SolverResult:
         """A result in these units as one of the problem given; its residual is that in these units."""
         D = self.units[::3]
         return replace(
-            found,
-            x=self.units * found.x,
-            gradient=found.gradient / self.units,
-            slip_bound=D * found.slip_bound,
-            multipliers=found.multipliers / D[:, None],
+            scaled,
+            x=self.units * scaled.x,
+            gradient=scaled.gradient / self.units,
+            slip_bound=D * scaled.slip_bound,
+            multipliers=scaled.multipliers / D[:, None],
         )

@@ -112,16 +112,16 @@ class _Run:
         """eps from 1 to 0, as far as it succeeds, then about the forces found."""
         zero = np.zeros(len(self._b) + len(self._e))
         try:
-            at, solved = self._solved(zero, zero, 1.0)
+            derivative, solved = self._solved(zero, zero, 1.0)
             log, step = 0.0, 1.0
             while log > _LAST:
-                v, solved = self._solved(at, zero, 10.0 ** max(log - step, _LAST))
+                v, solved = self._solved(derivative, zero, 10.0 ** max(log - step, _LAST))
                 if solved or step < _SLOWEST:
-                    at, log, step = v, max(log - step, _LAST), min(2.0 * step, 1.0) if solved else 1.0
+                    derivative, log, step = v, max(log - step, _LAST), min(2.0 * step, 1.0) if solved else 1.0
                 else:
                     step *= 0.4
             for _ in range(3):
-                at, _ = self._solved(at, at, 1e-10)
+                derivative, _ = self._solved(derivative, derivative, 1e-10)
         except _Ended:
             pass
         return self._result()
@@ -147,22 +147,22 @@ class _Run:
         n = len(self._b)
         x = v[:n]
         w = self._A @ x - self._b + eps * (x - centre[:n]) - v[n:] @ self._G
-        at, lacking = equations.at(x.reshape(-1, 3), w.reshape(-1, 3)), self._G @ x - self._e
-        return at, float(np.hypot(np.linalg.norm(at.value), np.linalg.norm(lacking))), lacking
+        derivative, lacking = equations.at(x.reshape(-1, 3), w.reshape(-1, 3)), self._G @ x - self._e
+        return derivative, float(np.hypot(np.linalg.norm(derivative.value), np.linalg.norm(lacking))), lacking
 
     def _newton(self, equations: ContactEquations, v: FloatArray, centre: FloatArray, eps: float) -> FloatArray:
         """Newton steps as long as they decrease what is left over."""
-        at, left, lacking = self._left(equations, v, centre, eps)
+        derivative, left, lacking = self._left(equations, v, centre, eps)
         for _ in range(_STEPS):
             if left <= _EXACT * (1.0 + float(np.linalg.norm(v))):
                 break
-            dv = self._step(at, lacking, eps)
+            dv = self._step(derivative, lacking, eps)
             if not np.isfinite(dv).all():
                 break
             length = 1.0
             while length > _SHORTEST:
                 new = v + length * dv
-                at, changed, lacking = self._left(equations, new, centre, eps)
+                derivative, changed, lacking = self._left(equations, new, centre, eps)
                 if changed < (1.0 - 1e-4 * length) * left:
                     break
                 length *= 0.5
@@ -171,18 +171,18 @@ class _Run:
             v, left = new, changed
         return v
 
-    def _step(self, at: ContactDerivative, lacking: FloatArray, eps: float) -> FloatArray:
+    def _step(self, derivative: ContactDerivative, lacking: FloatArray, eps: float) -> FloatArray:
         """The Newton step, one system [P + Q (A + eps), -Q G^T; G, 0]."""
         if len(self._history) >= self._settings.systems:
             self._status = Status.MAX_ITERATIONS
             raise _Ended
-        n, m = len(self._b), len(at.P)
+        n, m = len(self._b), len(derivative.P)
         J = np.zeros((n + len(self._e), n + len(self._e)))
-        J[:n, :n] = (at.Q @ self._A.reshape(m, 3, n)).reshape(n, n)
+        J[:n, :n] = (derivative.Q @ self._A.reshape(m, 3, n)).reshape(n, n)
         nodal = np.arange(n).reshape(m, 3)
-        J[nodal[:, :, None], nodal[:, None, :]] += at.P + eps * at.Q
-        J[:n, n:], J[n:, :n] = -(at.Q @ self._G.T.reshape(m, 3, -1)).reshape(n, -1), self._G
-        *_, dv, singular = scipy.linalg.lapack.dgesv(J, -np.concatenate([at.value.ravel(), lacking]), 1, 1)
+        J[nodal[:, :, None], nodal[:, None, :]] += derivative.P + eps * derivative.Q
+        J[:n, n:], J[n:, :n] = -(derivative.Q @ self._G.T.reshape(m, 3, -1)).reshape(n, -1), self._G
+        *_, dv, singular = scipy.linalg.lapack.dgesv(J, -np.concatenate([derivative.value.ravel(), lacking]), 1, 1)
         number = len(self._history) + 1
         self._history.append(QPStep(number, self._best[0], 0))
         if self._progress is not None and self._progress(Progress(0, number, self._best[0])):
