@@ -130,7 +130,8 @@ def _falling(problem: DiscreteProblem, motion: FloatArray, rigid: RigidMotions) 
             work = float(load.force @ one.translation + load.moment @ one.rotation)
             turn, way = float(np.linalg.norm(one.rotation)), float(np.linalg.norm(one.translation))
             if turn * one.part.radius > _MOVING * way:
-                said.append(f"{free.bodies[one.component]}: it {one.tidy(_MOVING)}, under {amount(work / turn, 'N m')}")
+                moment = f"{'under' if work >= 0.0 else 'against'} {amount(abs(work) / turn, 'N m')}"
+                said.append(f"{free.bodies[one.component]}: it {one.tidy(_MOVING)}, {moment}")
             else:
                 sign = 1.0
                 if one.component >= bolts:

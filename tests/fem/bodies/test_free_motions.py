@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, Material, Spring, SymmetryPlane, TotalForce, Traction
+from coulomb import Clamp, Contact, ContactProblem, Material, Plane, Spring, SymmetryPlane, TotalForce, Traction
 from coulomb.fem.bodies.elasticity import Elasticity
 from coulomb.io.summary import remarks
 from coulomb.model.certificate import judge
@@ -111,6 +111,24 @@ def test_loads_that_nothing_holds_are_named(loads, friction, said):
     """
     with pytest.raises(NoEquilibrium, match=said):
         block(loads, friction=friction).solve()
+
+
+def test_a_body_that_is_tipped_against_its_weight():
+    """By another one, which pushes at the height of 0.2 m or above it: a weight of 300 N, 0.05 m from the edge, holds
+    75 N there."""
+    ram = coulomb.moved(coulomb.box((0.1, 0.1, 0.1), (2, 2, 2)), (-0.1, 0.0, 0.2))
+    mesh = coulomb.join({"post": coulomb.box((0.1, 0.1, 0.3), (2, 2, 3)), "ram": ram})
+    rail = Contact("ram:bottom", 0.0, foundation=Plane((0.0, 0.0, 0.2), (0.0, 0.0, 1.0)))
+    contacts = [Contact("post:bottom", 0.9), rail, Contact("ram:right", 0.0, against="post:left")]
+
+    def pushed(force):
+        load = Traction("ram:left", (force / 0.01, 0.0, 0.0))
+        return ContactProblem(mesh, STEEL, [], contacts, [load], body_force=(0.0, 0.0, -1e5)).solve()
+
+    assert pushed(74.0).valid
+    said = r"\"post\": it spins about y through \(0.1, 0.05, 0\), against 15 N m; nor .* against loads of 76 N along x"
+    with pytest.raises(NoEquilibrium, match=said):
+        pushed(76.0)
 
 
 @pytest.mark.parametrize(("cell", "young"), [("hexahedron", 1e2), ("tetrahedron", 2.1e11)])
