@@ -73,6 +73,9 @@ _TOUCHES: Final = 1e-10
 _STICKS: Final = 1.0 - 1e-6
 """Friction over its bound below which a node sticks."""
 
+_STILL: Final = 1e-9
+"""Motion of an axis across itself, over its largest motion, up to which it is a rounding error."""
+
 _DIFFERENCE: Final = 1e-4
 """Step of the differences of normals over the size of a face."""
 
@@ -344,14 +347,19 @@ class Iterate:
 
 
 def turns(bodies: Deformable, member: Member, start: float, time: float) -> list[Turn]:
-    """Rotations of a body in a load step that supports and rigid faces prescribe; collective."""
-    found = nonlinear(member.body).turns_since(start, time)
+    """Rotations of a body in a load step that supports and rigid faces prescribe, about axes that do not move across
+    themselves meanwhile; collective."""
+    of_body = nonlinear(member.body).turns_since(start, time)
     for motion in bodies.constraints.motions:
-        if np.all(motion.given.prescribed[3:]) and bodies.face(motion.given.face, "rigid face")[0] is member:
-            before, after = (motion.values(at, bodies.comm)[3:] for at in (start, time))
-            if angle := float(np.linalg.norm(after - before)):
-                found.append(Turn(motion.point, (after - before) / angle, angle))
-    return found
+        given = motion.given.prescribed
+        if np.all(given[3:]) and bodies.face(motion.given.face, "rigid face")[0] is member:
+            before, after = (motion.values(at, bodies.comm) for at in (start, time))
+            vector, ways = after[3:] - before[3:], np.vstack([after[:3] - before[:3], np.eye(3)[~given[:3]]])
+            angle, largest = float(np.linalg.norm(vector)), np.max(np.abs([before[:3], after[:3]]))
+            across = np.linalg.norm(np.cross(ways, vector), axis=1)
+            if angle and np.all(across <= _STILL * angle * np.append(largest, np.ones(len(ways) - 1))):
+                of_body.append(Turn(motion.point + before[:3], vector / angle, angle))
+    return of_body
 
 
 def balanced_load(body: Deformable, residual: FloatArray, over: Reductions) -> FloatArray:

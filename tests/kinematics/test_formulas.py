@@ -425,3 +425,28 @@ def test_friction_under_a_body_that_is_turned_is_along_the_arc(held):
     assert -np.cross(from_axis, answer.force_on_body).sum(axis=0) @ axis == pytest.approx(torque, rel=1e-6)
     work = after.state.energy.dissipated - before.state.energy.dissipated
     assert work == pytest.approx(2.0 * np.pi * torque, rel=1e-6)
+
+
+def test_friction_under_a_body_that_is_drawn_and_turned_at_once():
+    """By 0.2 of its width and 0.5 radians about an axis that moves with it, in one step: friction is against the
+    velocity, but for what this turns in a part of the step."""
+    width, way, angle = 0.02, 0.004, 0.5
+    drawn, turned, down = [(1.0, 0.0), (2.0, way)], [(1.0, 0.0), (2.0, angle)], [(0.0, 0.0), (1.0, 1.0)]
+    amplitudes = [drawn, 1.0, down, 1.0, 1.0, turned]
+    problem = coulomb.ContactProblem(
+        coulomb.box((width, width, 0.01), (3, 3, 1)),
+        coulomb.NeoHookean(1e6, 0.0),
+        [],
+        coulomb.Contact("bottom", 0.3, foundation=coulomb.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))),
+        rigid_faces=[coulomb.RigidFace("top", None, (1.0, 0.0, -1e-4), (0.0, 0.0, 1.0), amplitudes=amplitudes)],
+        kinematics="large",
+    )
+    *_, last = coulomb.LoadHistory([1.0, 2.0], halvings=0).steps(problem)
+    answer = last.solution
+    from_axis = answer.problem.surface.x - np.array([0.5 * width + way, 0.5 * width, 0.0])
+    velocity = angle * np.cross((0.0, 0.0, 1.0), from_axis) + (way, 0.0, 0.0)
+    friction = -0.3 * answer.contact_force[0::3, None] * velocity / np.linalg.norm(velocity, axis=1)[:, None]
+    off, size = answer.force_on_body - friction, np.abs(friction).sum()
+    assert answer.valid
+    assert np.abs(off[:, :2].sum(axis=0)).max() <= 0.05 * size
+    assert abs(np.cross(from_axis, off)[:, 2].sum()) <= 0.05 * width * size
