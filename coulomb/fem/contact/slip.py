@@ -4,9 +4,9 @@ On a rigid foundation a node has a foot point, fixed in the foundation's coordin
 since the start of the step, along the arc, in the direction of its chord in the present tangent plane; with a given gap
 g the way on the surface at the distance -g, longer by -g times the angle of the arc.  It is exactly 0 where the node
 has stayed on its place of the foundation, however far this has moved.  Where the foundation turns about an axis about
-which it is a surface of revolution, as a disc or a drum, or the body is turned about one, the angle between the two is
-an arc about that: it may be longer than a turn, and friction is against the velocity at the end of the step, as in
-small motions.
+which it is a surface of revolution, as a disc or a drum, or the body is turned about one at rest, the angle between the
+two is an arc about that: it may be longer than a turn, and friction is against the velocity at the end of the step, as
+in small motions.
 
 Of two deformable faces, contact point j has the averages D x of the slave and M x of the master.  With the weights of
 the start of the step these are of the points that were opposite then, with the present ones of those that are now: slip
