@@ -14,7 +14,7 @@ from .arrays import FloatArray
 After = Literal["hold", "error", "repeat"]
 """After the last row of a load curve: the last value, an error, or the curve again."""
 
-_ROUNDING: Final = 1e-12
+_SAME_TIME: Final = 1e-12
 """Of the duration of a curve, or of the time if it is longer: a time nearer to a row is that of the row.  With 1e-16 in
 place of 0 where a load vanishes, all forces of a load step would be rounding errors."""
 
@@ -73,7 +73,7 @@ class LoadCurve:
         """
         times = self.rows[:, 0]
         first, last = float(times[0]), float(times[-1])
-        near = _ROUNDING * max(last - first, abs(time))
+        near = _SAME_TIME * max(last - first, abs(time))
         if time > last:
             if self.after == "error" and time - last > near:
                 raise ValueError(

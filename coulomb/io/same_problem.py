@@ -19,7 +19,7 @@ from ..model.solution import Solution
 _NUMERICAL: Final = ("mesh", "linear_solver", "explicit", "small_strain", "probes")
 """Arguments of a problem that do not change what it asks."""
 
-_ROUNDING: Final = 1e-9
+_SAME_NUMBER: Final = 1e-9
 """Relative difference of numbers that counts as none."""
 
 _OF_MESHES: Final = 0.2
@@ -87,7 +87,7 @@ def _unlike(a: Any, b: Any, name: str = "") -> str:
     else:
         try:
             left, right = (np.asarray(value, dtype=np.float64) for value in (a, b))
-            equal = left.shape == right.shape and bool(np.allclose(left, right, _ROUNDING, 0.0, equal_nan=True))
+            equal = left.shape == right.shape and bool(np.allclose(left, right, _SAME_NUMBER, 0.0, equal_nan=True))
         except (TypeError, ValueError):
             equal = type(a) is type(b) or (isinstance(a, Sequence) and isinstance(b, Sequence))
             if equal and isinstance(a, Sequence) and (equal := len(a) == len(b)):

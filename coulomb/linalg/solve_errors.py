@@ -1,6 +1,13 @@
-"""A solve with K that ends before its tolerance, or is not begun."""
+"""A solve with K that ends before its tolerance, or is not begun; and the least residual that it can reach."""
 
 from __future__ import annotations
+
+import sys
+from typing import Final
+
+LEAST_RESIDUAL: Final = 2.0 * sys.float_info.epsilon
+"""Residual of a solve with K in double precision that is due to rounding errors, relative to |D u| with D = diag(K), in
+the norm of D^-1/2."""
 
 
 class CGNotConverged(RuntimeError):

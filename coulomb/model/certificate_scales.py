@@ -45,7 +45,7 @@ _FARTHEST: Final = 2.0 * 3.0**0.5
 the largest displacement.  A displacement that is not in balance may have internal forces of any size."""
 
 
-_ROUNDING: Final = 2.0**-48, 2.0**-49
+_OF_GAPS: Final = 2.0**-48, 2.0**-49
 """Rounding errors of a gap relative to itself and to displacements, and to coordinates, of which it is a difference."""
 
 
@@ -58,7 +58,7 @@ def rounding_of_gaps(gap: FloatArray, way: FloatArray, place: FloatArray, large:
         way: Displacement across it, metres, shape (m,).
         place: Largest coordinate of the body, metres, shape (m,).
     """
-    return _ROUNDING[0] * (np.abs(gap) + np.abs(way)) + np.where((gap == 0.0) & (not large), 0.0, _ROUNDING[1] * place)
+    return _OF_GAPS[0] * (np.abs(gap) + np.abs(way)) + np.where((gap == 0.0) & (not large), 0.0, _OF_GAPS[1] * place)
 
 
 def at_all_points(known: FloatArray, given: FloatArray, over: Reductions) -> FloatArray:

@@ -25,7 +25,7 @@ _STEP: Final = 1e-6
 
 
 _KINK: Final = 0.1
-_ROUNDING: Final = 1e-12
+_NO_KINK: Final = 1e-12
 """By how much gaps before and after a change do not add up, over the change and the size of the bodies, from which on
 there is a kink."""
 
@@ -163,7 +163,7 @@ class GeometricTerms:
         ends, middle = [self._in(one) for one in (more, less)], self._in(self._problem).c
         found = ends[0].less(ends[1], 1.0 / h)
         bent, change = (self._over.max(np.abs(one).ravel()) for one in (ends[0].c + ends[1].c - 2.0 * middle, found.c))
-        if bent > _KINK * h * change + _ROUNDING * self._extent:
+        if bent > _KINK * h * change + _NO_KINK * self._extent:
             raise ValueError("gaps have a kink along the change of the problem: derivatives are one-sided")
         return replace(found, load=-found.load)
 

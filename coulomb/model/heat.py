@@ -31,7 +31,7 @@ BALANCED: Final = 1e-8
 UNBALANCED: Final = Check("heat", 1.0, BALANCED, "", "contact and heat agree, and as much heat flows out as in")
 """Of an answer without heat flows, for the certificate: all heat is missing."""
 
-_ROUNDING: Final = 1e-13
+_NO_FLOW: Final = 1e-13
 """Heat flows below this part of K times the temperatures are rounding errors."""
 
 _NOTHING: Final = 1e-15
@@ -249,7 +249,7 @@ class HeatProblem:
                 flow("foundation", side, -passed - taken)
         size = over.sum(diagonal_of(conduction.K) * np.abs(change))
         power_in = sum(max(flow.power, 0.0) for flow in flows)
-        limit = BALANCED * power_in + _ROUNDING * size
+        limit = BALANCED * power_in + _NO_FLOW * size
         ends = range_of(change, self.bodies.comm)
         return Heat(change, self.reference, tuple(flows), tuple(conducted), limit, ends)
 

@@ -28,7 +28,7 @@ from .contact import Contact
 from .discrete_problem import DiscreteProblem
 from .resultants import resultants
 
-_ROUNDING: Final = 1e-12
+_NEGLIGIBLE: Final = 1e-12
 """Part of the sum of all nodal forces up to which a resultant is zero, or of the largest gap, which a gap is."""
 
 
@@ -62,7 +62,7 @@ def loads_of(problem: DiscreteProblem, times: Sequence[float]) -> list[LoadResul
         largest = int(np.argmax(np.abs(factors)))
         forces = NodalForces(load.kind, load.face, factors[largest] * applied.nodal_force)
         (total,) = resultants([forces], body.x, over)
-        small = _ROUNDING * total.nodal
+        small = _NEGLIGIBLE * total.nodal
         force = np.where(np.abs(total.force) <= small, 0.0, total.force)
         moment = np.where(np.abs(total.moment) <= small * arm, 0.0, total.moment)
         size = "temperature by conduction" if load.kind == ThermalLoad.kind and problem.body.heat else applied.size
@@ -119,7 +119,7 @@ def contacts_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
 def _ends(values: FloatArray, over: Reductions) -> dict[str, float]:
     """The smallest and the largest of values (m,); 0 for rounding errors of the other; collective."""
     ends = np.array([over.min(values), over.max(values)])
-    low, high = np.where(np.abs(ends) < _ROUNDING * np.max(np.abs(ends)), 0.0, ends)
+    low, high = np.where(np.abs(ends) < _NEGLIGIBLE * np.max(np.abs(ends)), 0.0, ends)
     return {"min": float(low), "max": float(high)}
 
 

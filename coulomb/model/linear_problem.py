@@ -123,7 +123,7 @@ _BEFORE_REFINEMENT: Final = 1e-8
 """Residual of a solve with K that is refined: products by K have rounding errors of 1e-11 of the resultant forces."""
 
 
-_ROUNDING: Final = 2.0**-48
+_OF_DIFFERENCES: Final = 2.0**-48
 """Difference, relative to what it is the difference of, that is a rounding error: slip of displacements, and the
 resultant of loads of the sum of their magnitudes."""
 
@@ -185,7 +185,7 @@ class ContactState:
         if not self.surface.slip_prescribed:
             return closed
         size = np.abs(rows).max(axis=1, initial=0.0) + np.abs(self.slip_origin).max(axis=1, initial=0.0)
-        closed[:, 1:][np.abs(closed[:, 1:]) <= _ROUNDING * size[:, None]] = 0.0
+        closed[:, 1:][np.abs(closed[:, 1:]) <= _OF_DIFFERENCES * size[:, None]] = 0.0
         return closed
 
     @cached_property
@@ -234,7 +234,7 @@ class ContactState:
         each = [load, *(elasticity.reduction.along(one.forces) for one in elasticity.loads_in(loading))]
         sums = [np.einsum("kcq,kc->q", R, load), np.einsum("kcq,kc->q", np.abs(R), np.sum(np.abs(each), axis=0))]
         e, size = elasticity.comm.allreduce(np.array(sums))
-        e = np.where(np.abs(e) <= _ROUNDING * size, 0.0, e)
+        e = np.where(np.abs(e) <= _OF_DIFFERENCES * size, 0.0, e)
         moved = [(one.number, motion) for one in self.loaded for motion in one.motions]
         away = [-surface.components((surface.part == part)[:, None] * motion.at(surface.x)) for part, motion in moved]
         G = np.reshape([*away, *rows], (len(self.free), -1))
@@ -418,6 +418,6 @@ class LinearProblem:
             left = given[held.nodes] - np.einsum("kij,kj->ki", held.projector, way[of])
         np.maximum.at(off, of, np.abs(left).max(axis=1, initial=0.0))
         largest = over.largest(size)
-        way[over.largest(off) > _ROUNDING * largest] = 0.0
-        way[np.abs(way) <= _ROUNDING * largest[:, None]] = 0.0
+        way[over.largest(off) > _OF_DIFFERENCES * largest] = 0.0
+        way[np.abs(way) <= _OF_DIFFERENCES * largest[:, None]] = 0.0
         return way[body.component] if np.any(way) else None

@@ -33,7 +33,7 @@ OPEN, STICK, SLIP, HELD = 0, 1, 2, 3
 """Status of a node in contact.xdmf; HELD: on the contact face, but with prescribed displacement, or with no part of the
 face against it opposite, so no contact node (all fields 0)."""
 
-_ROUNDING: Final = 1e-12
+_NO_FRICTION: Final = 1e-12
 """Part of all nodal forces up to which the resultant of friction is 0."""
 
 OPEN_BELOW: Final = 1e-9
@@ -299,7 +299,7 @@ class NodalAnswer:
         force_on_body = over.total(on_body.sum(axis=0)).tolist()
         moment = over.total(np.cross(x, on_body).sum(axis=0)).tolist()
         friction = float(np.linalg.norm(over.total((self.friction_traction * self.area[:, None])[here].sum(axis=0))))
-        rounding = _ROUNDING * over.sum(np.linalg.norm(on_body, axis=1))
+        rounding = _NO_FRICTION * over.sum(np.linalg.norm(on_body, axis=1))
         return {
             "faces": list(self.faces) if part is None else [self.faces[part]],
             **({"force": force_on_body, "moment": moment} if alone or self._on_one_body else {}),

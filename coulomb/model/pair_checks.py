@@ -54,7 +54,7 @@ def probing_fields(x: FloatArray, size: float) -> FloatArray:
     return np.column_stack([np.ones(len(x)), x, rough])
 
 
-_ROUNDING: Final = 1e-9
+_OF_WEIGHTS: Final = 1e-9
 """Of averages over the size of facets, and of weights."""
 
 _CLOSER: Final = 4
@@ -136,7 +136,7 @@ class JudgedPair:
         expected, unsure = self._averages(fields)
         off = np.abs(averages - expected) - unsure
         off[:, :, 1:4] /= np.maximum(self._samples.radius, 1e-300)[:, None]
-        return np.maximum(off.max(axis=(0, 2), initial=0.0) - _ROUNDING, 0.0)
+        return np.maximum(off.max(axis=(0, 2), initial=0.0) - _OF_WEIGHTS, 0.0)
 
     def _left_out(self, known: BoolArray) -> FloatArray:
         """Places of slave nodes before the master that must be contact points and are none, metres, shape (q, 3): all

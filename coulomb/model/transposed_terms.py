@@ -28,7 +28,7 @@ _OTHER: Final = 1e-5
 known to as much."""
 
 
-_ROUNDING: Final = 1e-4
+_LARGE_FORCE: Final = 1e-4
 """Part of internal forces that counts as large: differences of these have rounding errors of 1e-10."""
 
 
@@ -58,7 +58,7 @@ class TransposedTerms:
         way[on_boundary] = np.random.default_rng(37).uniform(-1.0, 1.0, (len(on_boundary), 3))
         whole = self._stacked(way)
         internal = over.max(np.abs(body.internal_force(way[first : first + len(body.x)])).ravel())
-        limits = np.maximum(self._sizes(whole), [max(force, _ROUNDING * internal), 1.0, 1.0, force, force])
+        limits = np.maximum(self._sizes(whole), [max(force, _LARGE_FORCE * internal), 1.0, 1.0, force, force])
 
         def counts(stacked: FloatArray) -> bool:
             return bool(np.any(self._sizes(stacked) > _OTHER * limits))

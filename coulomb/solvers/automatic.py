@@ -23,14 +23,14 @@ answer that the certificate refuses at 1e-4 of the tolerance, on soft springs, i
 0.1 do not always open the contact of a body that just touches, the forces of which are all errors of the path."""
 
 
-_ROUNDING: Final = 1e-10
+_REACHED: Final = 1e-10
 """Residual to which the interior-point method comes in spite of rounding errors of the law; those of successive Tresca
 problems, which it solves too, are not smaller."""
 
 _SETTLED: Final = 1e-6
 """Change of a force in a further Newton step, over the largest on its body, up to which an answer is settled."""
 
-_OF_ROUNDING: Final = 100.0
+_UNSETTLED: Final = 100.0
 """Changes of forces up to this multiple of what rounding errors of displacements are in them do not settle."""
 
 _ACCEPTED: Final = 100.0
@@ -134,7 +134,7 @@ class Automatic(SolverSettings):
                 return called(replace(result, newton_steps=steps), "no forces")
         one = outcome(lambda: first.solve(problem, start, gradient=gradient, progress=progress))
         one = replace(one, newton_steps=steps + one.newton_steps)
-        reached = one.residual <= max(goal.tolerance, _ROUNDING)
+        reached = one.residual <= max(goal.tolerance, _REACHED)
         if reached or one.status in (Status.CONVERGED, *DECISIVE) or not problem.sloped:
             return called(one, first.name)
         other = outcome(lambda: second.solve(problem, start, progress=progress))
@@ -199,7 +199,7 @@ def settled(
         return replace(after, unsettled=steps[-1].moved)
     closed = np.abs(result.gradient + problem.b).reshape(-1, 3)
     rounding = problem.scales.moved(2.0**-52 * stiffness[:, None] * closed, result.x.reshape(-1, 3))
-    moved, explained = steps[0].moved if steps else 0.0, max(_SETTLED, _OF_ROUNDING * rounding)
+    moved, explained = steps[0].moved if steps else 0.0, max(_SETTLED, _UNSETTLED * rounding)
     if moved <= _ACCEPTED * explained:
         return replace(result, unsettled=moved) if steps else result
     message = (

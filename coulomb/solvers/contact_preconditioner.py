@@ -30,7 +30,7 @@ from .contact_equations import ContactDerivative
 _CHANGED: Final = 0.03
 """Change of P, and of Q D, of a node from which on its part is replaced."""
 
-_ROUNDING: Final = 1e-13
+_NO_CHANGE: Final = 1e-13
 """Entries of R D - 1 below this are rounding errors."""
 
 _LARGE: Final = 1e3
@@ -88,11 +88,11 @@ class ContactPreconditioner:
         change, after = RD - self._RD[new], self._RD.copy()
         large = bool(np.any(np.abs(after[new]) > _LARGE))
         after[new] = RD
-        others = np.flatnonzero(np.any(np.abs(after - one) > _ROUNDING, axis=(1, 2)))
+        others = np.flatnonzero(np.any(np.abs(after - one) > _NO_CHANGE, axis=(1, 2)))
         if before is None or over.any(large or len(others) <= len(new)):
             new, change, before = others, after[others] - one, np.diag(self.A.signs) + self.A.weighted_gram
         s = self.A.columns.shape[1]
-        rows = np.flatnonzero(np.any(np.abs(change) > _ROUNDING, axis=2).ravel())
+        rows = np.flatnonzero(np.any(np.abs(change) > _NO_CHANGE, axis=2).ravel())
         changed = (change @ self._weighted[new]).reshape(-1, s)[rows]
         seen = self.A.columns.reshape(-1, 3, s)[new].reshape(-1, s)[rows]
         self._core = before + summed(self._comm, seen.T @ changed)

@@ -62,7 +62,7 @@ class Anderson:
 
 _LEAST_DAMPING: Final = 0.05  # by the measured slope
 _FINER: Final = 0.01  # part of the accuracy of Tresca problems that the worst contact needs
-_ROUNDING: Final = 1e-14  # residual of a Tresca problem
+_LEAST_RESIDUAL: Final = 1e-14  # residual of a Tresca problem
 _NEAR: Final = 0.1  # change of g below which acceleration starts: before, the map is too far from linear
 _PATIENCE: Final = 12  # Tresca problems without a better change of g after which the iteration has stagnated
 _TURNS: Final = 5  # successive changes of g, each opposite to the one before and none the smallest: an oscillation
@@ -133,7 +133,7 @@ class _Steps:
         if self.history:
             self._g = self._next()
         least = 0.1 * goal.residual * self._finer
-        inner = min(max(settings.inner_precision * self._whole, least, _ROUNDING), 1e-2)
+        inner = min(max(settings.inner_precision * self._whole, least, _LEAST_RESIDUAL), 1e-2)
         inner = inner if problem.sloped else goal.residual  # the only Tresca problem
         last, path_following, krylov = self._tresca(inner)
         image, g = problem.slip_bound(last.x), self._g

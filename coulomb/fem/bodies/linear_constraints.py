@@ -34,7 +34,7 @@ TIE_STRESSES = ("peel_stress", "shear_stress")
 """Tractions of ties at slave nodes: along the outward normal, positive where the tie pulls, and the size of the part
 across it."""
 
-_ROUNDING: Final = 2.0**-46
+_TOGETHER: Final = 2.0**-46
 """Displacement of slave nodes that is left, over the largest displacement, that is a rounding error."""
 
 
@@ -345,7 +345,7 @@ class Constraints:
                     left[tie.nodes] = self._apart(self._displaced)[tie.nodes]
             apart -= left
             size = self.comm.allreduce(float(np.max(np.abs(self._displaced), initial=0.0)), op=MPI.MAX)
-            apart[np.abs(apart) <= _ROUNDING * size] = 0.0
+            apart[np.abs(apart) <= _TOGETHER * size] = 0.0
         prescribed = reduction.led(of_bodies.prescribed, apart)
         load = of_bodies.load
         if self._displaced is not None:

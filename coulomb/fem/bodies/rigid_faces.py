@@ -32,7 +32,7 @@ from .ties import FaceMotion, GivenFace, Tie, moved_at
 _FREE: Final = 1e-10
 """Part of the energy of a motion that supports take below which they do not prevent it."""
 
-_ROUNDING: Final = 1e-9
+_SAME_COMPONENT: Final = 1e-9
 """Part of the prescribed components up to which they are the same."""
 
 _PLANE: Final = 1e-5
@@ -192,7 +192,7 @@ def _finite(motion: FaceMotion, r: FloatArray, held: FloatArray, size: float, co
     """
     given, linear, part = motion.given, motion.motions[3:], motion.given_part.sum(axis=1)
     if len(motion.ways) < 3:
-        if np.any(np.abs(linear) * size > _ROUNDING) or np.any(part[3:]):
+        if np.any(np.abs(linear) * size > _SAME_COMPONENT) or np.any(part[3:]):
             raise ValueError(
                 f"{given.what}: along = 'free' is in large motions for a face that moves along its normal and does not "
                 "turn: prescribe its rotation as 0, or leave along out"
@@ -252,7 +252,7 @@ def _left_free(given: RigidFace, possible: FloatArray, size: float) -> tuple[Flo
     off = rows @ amounts - asked
     if all(amplitude is None for amplitude in given.amplitudes):
         off = off.sum(axis=1, keepdims=True)
-    off = np.any(np.abs(off) > _ROUNDING * np.max(np.abs(asked), initial=0.0), axis=1)
+    off = np.any(np.abs(off) > _SAME_COMPONENT * np.max(np.abs(asked), initial=0.0), axis=1)
     if np.any(off | (np.linalg.norm(rows, axis=1) < _PLANE)):
         raise ValueError(
             f"{given.what}: no motion of it has the components that are prescribed: along the face its nodes are free, "

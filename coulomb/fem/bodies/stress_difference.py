@@ -27,7 +27,7 @@ _NEAREST: Final = 8
 
 _NEWTON_STEPS: Final = 8
 
-_ROUNDING: Final = 1e-6
+_INSIDE: Final = 1e-6
 """Reference coordinates outside the reference cell by less are inside it."""
 
 _OUTSIDE: Final = 0.5
@@ -101,7 +101,7 @@ class _OtherAnswer:
         points = x.reshape(-1, 3)
         cell = np.repeat(self._found(x.mean(axis=1))[0], x.shape[1])
         X, outside = self._local(cell, points)
-        others = np.flatnonzero(outside > _ROUNDING)
+        others = np.flatnonzero(outside > _INSIDE)
         if len(others):
             cell[others], X[others] = self._found(points[others])
         return cell, X
@@ -111,7 +111,7 @@ class _OtherAnswer:
         every, few = np.arange(len(points)), min(_NEAREST, len(self._centre))
         nearest = np.asarray(tree_of(self._centre).query(points, few)[1], dtype=np.int64).reshape(-1, few)
         cell, X, outside = self._best(points, np.repeat(every, few), nearest.ravel())
-        left = every[outside > _ROUNDING]
+        left = every[outside > _INSIDE]
         if len(left):
             known, places, beyond = self._best(points[left], *self._near(points[left]))
             better = beyond < outside[left]

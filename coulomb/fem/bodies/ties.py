@@ -16,7 +16,7 @@ from ..geometry import Amplitude, evaluate_amplitude, on_all_ranks
 from .lasting_supports import Lasting
 from .rigid_modes import Wrench, displacements_of
 
-_ROUNDING: Final = 1e-9
+_SAME_DISPLACEMENT: Final = 1e-9
 """Part of the prescribed displacements up to which they are the same."""
 
 
@@ -194,7 +194,7 @@ class FaceMotion:
     def refuse_other(self, held: FloatArray, size: float, comm: MPI.Comm) -> None:
         """ValueError on every rank if supports prescribe other displacements at its nodes than it does: `held` (k, 3)
         is the difference along held directions, of displacements of a size, metres; collective."""
-        if comm.allreduce(bool(np.any(np.abs(held[self.nodes] @ self.ways.T) > _ROUNDING * size)), op=MPI.LOR):
+        if comm.allreduce(bool(np.any(np.abs(held[self.nodes] @ self.ways.T) > _SAME_DISPLACEMENT * size)), op=MPI.LOR):
             raise ValueError(
                 f"{self.given.what}: supports prescribe other displacements at some of its nodes: leave these "
                 "components free, or end the supports before the face"

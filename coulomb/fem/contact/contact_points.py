@@ -46,7 +46,7 @@ from .facet_patch import facet_patch
 if TYPE_CHECKING:
     from ..bodies import Deformable, Member
 
-_ROUNDING: Final = 1e-10
+_NO_ENTRY: Final = 1e-10
 """An entry of a row, or of a difference of rows, below this part of the row's largest is a rounding error: normals of
 facets of a length h at coordinates x have errors of 1e-16 |x|/h."""
 
@@ -57,7 +57,7 @@ def contact_matrix(points: ContactPoints, frames: FloatArray) -> PETSc.Mat:
     seen = frames
     if points.mirrored is not None:
         across = np.einsum("mai,mij->maj", frames, points.mirrored)
-        near = np.abs(across - frames) <= _ROUNDING
+        near = np.abs(across - frames) <= _NO_ENTRY
         seen = np.where(near, 0.0, frames - across)
     local = _blocks(points.difference, seen)
     local.eliminate_zeros()
@@ -144,7 +144,7 @@ def free_contact_matrix(B: PETSc.Mat, points: ContactPoints, body: Deformable) -
     columns = product.getSizes()[1]
     product.destroy()
     largest = abs(whole).max(axis=1).toarray().ravel()
-    free.data[np.abs(free.data) <= _ROUNDING * np.repeat(largest, np.diff(free.indptr))] = 0.0
+    free.data[np.abs(free.data) <= _NO_ENTRY * np.repeat(largest, np.diff(free.indptr))] = 0.0
     free.eliminate_zeros()
     wide = scipy.sparse.csr_matrix((whole.data, whole.indices, whole.indptr), free.shape)
     other = comm.allreduce((free != wide).nnz > 0, op=MPI.LOR)

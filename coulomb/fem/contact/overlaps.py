@@ -35,7 +35,7 @@ _OF_DEFORMATION: Final = 0.5
 they hardly move relative to each other.  So what is inside by less than 5 % of the deformation does not count, as nodes
 at the edge of a contact face that are opposite to another body by a small part only: 1.3 % under the head of a bolt."""
 
-_ROUNDING: Final = 1e-11
+_AT_REST: Final = 1e-11
 """Relative motions below this part of the largest coordinate are rounding errors."""
 
 _SAME: Final = 1e-6
@@ -124,7 +124,7 @@ class Surface:
         self._ends = np.cumsum([0, *(len(part.body.x) for part in parts)])
         self._bodies = [BodyBoundary.of(part) for part in parts]
         largest = max(float(np.max(np.abs(body.patch.x), initial=0.0)) for body in self._bodies)
-        self._rounding = _ROUNDING * float(comm.allreduce(largest, op=MPI.MAX))
+        self._rounding = _AT_REST * float(comm.allreduce(largest, op=MPI.MAX))
         slaves, masters = [pair.slave for pair in sides], [pair.master for pair in sides]
         none = np.zeros((self._ends[-1], 0), dtype=bool)
         self._slaves, self._masters = (np.column_stack([none, *map(self._on, faces)]) for faces in (slaves, masters))

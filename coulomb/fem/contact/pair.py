@@ -231,7 +231,7 @@ def held_on_both(planes: FloatArray, there: FloatArray) -> FloatArray:
     return np.einsum("mia,ma,mja->mij", directions, (sizes > _HELD_OPPOSITE).astype(np.float64), directions)
 
 
-_ROUNDING: Final = 1e-14
+_NO_GAP: Final = 1e-14
 """Gaps below this part of the coordinates are rounding errors."""
 
 
@@ -401,7 +401,7 @@ def pair_of(
     if mirrors is not None:
         x = x + np.einsum("mij,mj->mi", mirrors, elasticity.x[points.nodes] - x)
     gap = rows.gap(n)
-    rounding = _ROUNDING * near.size
+    rounding = _NO_GAP * near.size
     closed = (gap <= adjust[0]) & (-gap <= adjust[1])  # what the facets have there is no gap, and shows no curvature
     gap = np.where(closed | (np.abs(gap) <= rounding), 0.0, gap)
     off, between, nearer = bulges_at_points(rows, gap, near.slave, near.master)

@@ -58,7 +58,7 @@ _SLIT: Final = 0.01
 """Part of a facet that the master may leave bare between the points, where it ends, and that which moves averages with
 functions that are not dual."""
 
-_ROUNDING: Final = 1e-9
+_OF_LENGTHS: Final = 1e-9
 """Of lengths over the size of a facet, of areas over theirs, and of weights."""
 
 _BENT: Final = 0.05
@@ -239,10 +239,10 @@ class PairSamples:
         near = crossed(slave, chosen, self._master, met) * self._area
         parts, slits = parts + _SLIT * (near * loose), _UNSEEN * near + bent * self._area
         edge, slit, bend = (np.bincount(p, of[f], self._count) for of in (parts, slits, bent * self._area))
-        self._doubt = edge + slit + _ROUNDING * self.whole
+        self._doubt = edge + slit + _OF_LENGTHS * self.whole
         a = np.maximum(self.area, 1e-300)
         self._larger = self._sums(np.abs(self._weight).sum(axis=1)) / a
-        self._share = self._larger * (edge + _BENT * bend) / a + _ROUNDING
+        self._share = self._larger * (edge + _BENT * bend) / a + _OF_LENGTHS
 
     def _halfway(self) -> tuple[FloatArray, FloatArray]:
         """How far the functions of 6-node triangles are from the dual ones to the linear ones, as `mortar` defines it,
@@ -347,7 +347,7 @@ class PairSamples:
         within = np.einsum("mij,mj->mi", free, mean)
         inside = np.linalg.norm(n - np.einsum("mij,mj->mi", free, n), axis=1) < 1e-9  # as at planes of symmetry
         mean = unit_vectors(np.where(inside[:, None], within, mean))
-        angle = np.linalg.norm(mean - n, axis=1) - np.linalg.norm(unsure, axis=1) - _ROUNDING
+        angle = np.linalg.norm(mean - n, axis=1) - np.linalg.norm(unsure, axis=1) - _OF_LENGTHS
         area = (np.abs(claims.area - self.area) - self._doubt) / self.whole
         least, most, allowed = self._gaps(n)
         open_by, overlap = claims.adjust
@@ -367,7 +367,7 @@ class PairSamples:
         heights = np.einsum("kni,ki->kn", self._master.x[other] - self._slave.middle[one][:, None], normal)
         missed = heights[:, :, None] * normal[:, None]
         off = np.einsum("mi,mi->m", self._unsure(ways, missed), np.abs(n)) + self._most(self._beyond[:, None])[:, 0]
-        off += _ROUNDING * self.radius
+        off += _OF_LENGTHS * self.radius
         least = most = average
         if self._slave.degree == 1 and self._surfaces.interpolated:
             corner, there = self._slave.nodes[self._chosen], self._there[:, inner:].astype(np.float64)

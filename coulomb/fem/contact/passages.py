@@ -23,7 +23,7 @@ shaft that touches nothing do not."""
 _SHORTEST: Final = 1.0 / 64.0
 """The least part of a way after which the distance from a foundation is found again."""
 
-_ROUNDING: Final = 1e-9
+_ON_SURFACE: Final = 1e-9
 """Heights below this part of a way, or of a facet, are on the surface."""
 
 _WITHIN: Final = 1e-3
@@ -49,7 +49,7 @@ def into_foundation(ways: Ways, foundation: RigidFoundation, gap: float) -> IntA
     while len(here):
         x = ways.then[here] + done[here, None] * way[here]
         distance = np.asarray(foundation.signed_distance(x)) + gap
-        inside = distance < -_ROUNDING * length[here]
+        inside = distance < -_ON_SURFACE * length[here]
         entered = inside & (done[here] > 0.0)
         if np.any(entered):
             at = here[entered]
@@ -72,7 +72,7 @@ def into_facets(nodes: Ways, triangles: Ways) -> FloatArray:
         away = [of - corner[:, 0] for of, corner in zip(x, corners, strict=True)]
         then, now = (np.einsum("pi,pi->p", of, _normals(corner)) for of, corner in zip(away, corners, strict=True))
         size = np.linalg.norm(corners.then[:, 1:] - corners.then[:, :1], axis=2).max(axis=1)
-        least, fall = -_ROUNDING * size, then - now
+        least, fall = -_ON_SURFACE * size, then - now
         through = (then >= least) & (now < least) & (fall > _STEEP * np.linalg.norm(away[1] - away[0], axis=1))
         part = np.clip(then / np.where(through, fall, 1.0), 0.0, 1.0)[:, None]
         at, around = (1.0 - part) * x.then + part * x.now, corners.then + part[:, None] * (corners.now - corners.then)

@@ -25,7 +25,7 @@ on one side of a cut do by one facet's angle."""
 _ALONG: Final = 1e-2
 """Part of prescribed displacements along the axis by which they may differ there, as normals of a cone do."""
 
-_ROUNDING: Final = 1e-6
+_HELD: Final = 1e-6
 """Displacements over the largest on the cut below which nodes, as those on the axis, are held at rest."""
 
 
@@ -81,7 +81,7 @@ def refuse_uneven_supports(body: Deformable, loading: Loading) -> None:
         along = np.outer(axis, axis)
         for part, limit in ((along, _ALONG), (np.eye(3) - along, _TURNED * 2.0 * np.sin(angle / 2.0))):
             sizes = np.linalg.norm([given @ part, given2 @ part], axis=2).max(axis=0)
-            uneven |= np.linalg.norm(apart @ part, axis=1) > limit * (sizes + _ROUNDING * np.max(sizes, initial=0.0))
+            uneven |= np.linalg.norm(apart @ part, axis=1) > limit * (sizes + _HELD * np.max(sizes, initial=0.0))
         uneven &= distance < _SAME_NODE * np.linalg.norm(np.ptp(x, axis=0))
         if np.any(uneven):
             k = int(np.argmax(np.where(uneven, np.linalg.norm(np.cross(axis, x - turn.point), axis=1), -1.0)))

@@ -49,7 +49,7 @@ _PERPENDICULAR: Final = 1e-6
 _SAME: Final = 1e-9
 """One minus the cosine of normals, and difference of gaps over the largest coordinate, of the same foundation."""
 
-_ROUNDING = 8.0 * float(np.finfo(float).eps)  # of gaps, over the largest coordinate
+_NO_GAP = 8.0 * float(np.finfo(float).eps)  # of gaps, over the largest coordinate
 
 _RAY_ROUNDING: Final = 1e-16
 """Steps along a ray that are shorter than this part of the way have only rounding errors."""
@@ -285,7 +285,7 @@ def without_rounding(gap: FloatArray, x: FloatArray, comm: MPI.Comm) -> FloatArr
     A body on which nothing acts would otherwise have contact forces that are rounding errors, and these never converge.
     """
     size = float(comm.allreduce(float(np.max(np.abs(x), initial=0.0)), op=MPI.MAX))
-    return np.where(np.abs(gap) > _ROUNDING * size, gap, 0.0)
+    return np.where(np.abs(gap) > _NO_GAP * size, gap, 0.0)
 
 
 NOISE: Final = 1e-8

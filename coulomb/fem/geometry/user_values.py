@@ -36,7 +36,7 @@ Motion = Callable[[float], Sequence[float]] | Sequence[tuple[float, float, float
 `LoadCurve` with three columns."""
 
 
-_ROUNDING: Final = 1e-12  # values of functions of time below this are rounding errors
+_NO_VALUE: Final = 1e-12  # values of functions of time below this are rounding errors
 
 
 def evaluate_amplitude(amplitude: Amplitude, time: float, what: str, name: str = "amplitude") -> float:
@@ -63,7 +63,7 @@ def evaluate_amplitude(amplitude: Amplitude, time: float, what: str, name: str =
             raise ValueError(f"{what}: the {name} failed at time {time:g}: {error}") from None
         if not np.isfinite(value):
             raise ValueError(f"{what}: the {name} at time {time:g} is {value}")
-        return value if abs(value) >= _ROUNDING else 0.0
+        return value if abs(value) >= _NO_VALUE else 0.0
     return float(_curve(amplitude, time, 1, f"{what}: {name}")[0])
 
 
@@ -144,7 +144,7 @@ def evaluated_by_ufl(value: Any, x: FloatArray, what: str, comm: MPI.Comm, shape
     total, count = (np.sum(one, axis=0) for one in zip(*sums, strict=True))
     first = sum(comm.allgather(len(x))[: comm.rank])
     mean = total / count[:, None]
-    mean[np.abs(mean) <= _ROUNDING * np.max(np.abs(mean), initial=0.0)] = 0.0  # no friction of -1e-17
+    mean[np.abs(mean) <= _NO_VALUE * np.max(np.abs(mean), initial=0.0)] = 0.0  # no friction of -1e-17
     own = mean[first : first + len(x)]
     values = np.moveaxis(own.reshape(len(x), *given.shape), 0, -1)
     return lambda _: values

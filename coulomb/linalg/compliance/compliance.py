@@ -11,7 +11,7 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ..reductions import Reductions
-from ..solve_errors import CGNotConverged, TooSlow
+from ..solve_errors import LEAST_RESIDUAL, CGNotConverged, TooSlow
 from ..uncoupled import Parts
 from .coupled import Elimination
 from .low_rank import RecycledColumns, turned_diagonal
@@ -20,11 +20,6 @@ from .stiffness import IterativeSolver, SoftMotions, StiffnessSolver
 _DISPLACED: Final = 1e-8
 """Accuracy of a displacement, relative to all forces: products by K in it have rounding errors that are not much
 smaller, and it is refined by forces that are assembled anew (`refined`)."""
-
-
-_ROUNDING = 2.0 * float(np.finfo(np.float64).eps)
-"""Residual of a displacement that is due to rounding errors, relative to |D u| with D = diag(K), in the norm of
-D^-1/2."""
 
 
 class Compliance(Protocol):
@@ -350,7 +345,7 @@ class MatrixFreeCompliance(LimitedProducts):
     def _balanced(self, residual: FloatArray) -> bool:
         """Whether a residual of the last displacement is of the size of rounding errors of K u."""
         over = Reductions(self.comm)
-        return over.norm(residual / self._root) <= _ROUNDING * over.norm(self._root * self._last.array_r)
+        return over.norm(residual / self._root) <= LEAST_RESIDUAL * over.norm(self._root * self._last.array_r)
 
     @property
     def factorised(self) -> bool:

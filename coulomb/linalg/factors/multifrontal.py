@@ -26,6 +26,7 @@ from scipy.linalg.lapack import dlauum, dpotri, dtrtri, slauum, spotri, strtri
 
 from ...arrays import FloatArray
 from ..petsc_arrays import NodalRows
+from ..solve_errors import LEAST_RESIDUAL
 from .frontal_factors import FrontalFactors, NotPositiveDefinite, Real, stack_heights
 from .nested_dissection import Front, Nodes, dissect
 
@@ -33,9 +34,6 @@ _log = logging.getLogger(__name__)
 
 _SLOW: Final = 0.1
 """Factor by which an iteration must decrease the residual, in the mean over a solve, in single precision."""
-
-_ROUNDING = 2.0 * float(np.finfo(np.float64).eps)
-"""Residual of a solve in double precision, relative to |D u| with D = diag(K), in the norm of D^-1/2."""
 
 _MOST: Final = 50  # iterations of a solve, beyond any that is fast enough
 
@@ -239,7 +237,7 @@ class MultifrontalSolver:
         p: FloatArray = np.zeros_like(r)
         for iteration in range(_MOST):
             size = np.linalg.norm(r / self._root)
-            if size <= max(tolerance * first, _ROUNDING * np.linalg.norm(self._root * x)):
+            if size <= max(tolerance * first, LEAST_RESIDUAL * np.linalg.norm(self._root * x)):
                 return x, float(size / first) if first > 0.0 else 0.0
             if not size <= first * _SLOW ** float(iteration - 1):
                 return None

@@ -77,11 +77,11 @@ def other_totals(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, dict[st
             if not fixed and largest:
                 where = of.removeprefix("heat_").replace("_", " ") if kind == "heat_flows" else of
                 total = f"{words} {where!r}" if of else words.removesuffix(" of")
-                shown = [given for given in largest if sizes[given] > _ROUNDING * sizes[largest[0]]]
+                shown = [given for given in largest if sizes[given] > _NO_CHANGE * sizes[largest[0]]]
                 yield total, unit, {given: change_of[given] for given in shown}
 
 
-_ROUNDING: Final = 1e-8
+_NO_CHANGE: Final = 1e-8
 """Change of a total over the largest that is an error of the derivatives."""
 
 _OTHERS: Final = (
