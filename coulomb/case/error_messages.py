@@ -113,8 +113,9 @@ def _explain(entry: Any, case: _Model) -> str:
     names = ".".join(part for part in location if isinstance(part, str))
     if entry["type"] == "extra_forbidden":
         return f"{key} = {_shown(given)}: there is no such key{_meant(location, given, case)}"
-    other = entry["type"] in {*_OTHER_TYPES, *_OTHER_KINDS} and bool(location) and isinstance(location[-1], str)
-    better = in_its_place(names.rpartition(".")[0], str(location[-1]), given) if other else ""
+    other = entry["type"] in {*_OTHER_TYPES, *_OTHER_KINDS} and bool(location)
+    name = location[-1] if location and isinstance(location[-1], str) else ""
+    better = in_its_place(names.rpartition(".")[0], name, given) if other else ""
     instead = f": write {better}" if better else ""
     usual = example(str(location[0]), str(location[-1])) if location else ""
     for_example = f", for example {usual}" if usual else ""

@@ -232,7 +232,8 @@ def right(table: str, word: str, value: Any, known: Collection[str]) -> str:
 
 
 def in_its_place(table: str, key: str, value: Any) -> str:
-    """The line that is meant by a value of another kind than a key of a table has; empty if nothing is known."""
+    """The line that is meant by a value of another kind than a key of a table has, or, without a key, the value that is
+    meant by one in a list; empty if nothing is known."""
     if table == "contact" and isinstance(value, str):
         if key in ("slave", "surface", "against_surface"):
             return line("against" if key == "against_surface" else "face", value)
@@ -243,7 +244,7 @@ def in_its_place(table: str, key: str, value: Any) -> str:
     if key == "material" and str(value).lower() in _STEEL_AND_OTHERS:
         return line(key, dict(zip(("young", "poisson"), _STEEL_AND_OTHERS[str(value).lower()], strict=True)))
     found = meant(table, key, value)
-    return "" if found is None else line(key, found)
+    return "" if found is None else line(key, found) if key else _toml(found)
 
 
 def meant(table: str, key: str, value: Any) -> Any:
@@ -262,6 +263,8 @@ def meant(table: str, key: str, value: Any) -> Any:
         number = re.fullmatch(r"\s*([-+]?[.\d]+(?:[eE][-+]?\d+)?)\s*([A-Za-z/^2-3]*)\s*", value)
         factor = 1.0 if number and not number[2] else _UNITS.get(number[2].lower()) if number else None
         return None if number is None or factor is None else float(f"{float(number[1]) * factor:.12g}")
+    if table == "rigid_face" and key in ("translation", "rotation") and isinstance(value, list) and len(value) == 3:
+        return dict(zip(_AXES, value, strict=True))
     if isinstance(value, int | float) and not isinstance(value, bool) and (table, key) == ("contact", "force"):
         return {"z": float(value)}
     if isinstance(value, int | float) and not isinstance(value, bool) and key in _VECTORS:
@@ -292,6 +295,8 @@ def _value(table: str, key: str, value: Any) -> Any:
         return "tetrahedron" if re.search(r"tet|c3d(4|10)", value.lower()) else "hexahedron"
     if table in ("traction", "prescribed_displacement") and isinstance(value, int | float):
         return [0.0, 0.0, value]
+    if isinstance(value, list):  # of texts with units
+        return [given if (number := meant(table, "", given)) is None else number for given in value]
     return value
 
 
