@@ -223,7 +223,7 @@ def parts(
     if peers:
         from .beside import draw, fields
 
-        draw(table("beside", fields(names, peers, limit), directory), directory)
+        draw(table("beside", fields(names, peers, limit, scales or (1.0,)), directory), directory)
         return
     from .petsc_solvers import PETSC
     from .real_parts import METHODS, SCALES, Failure, Row, measure, over_better, parts_in

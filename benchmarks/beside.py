@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import resource
 import signal
@@ -78,13 +79,16 @@ class _Answer(NamedTuple):
     force: FloatArray = np.zeros(3)
 
 
-def measure(names: Sequence[str] | None, peers: Sequence[str], limit: float) -> Iterator[Row | str]:
+def measure(
+    names: Sequence[str] | None, peers: Sequence[str], limit: float, scales: Sequence[float]
+) -> Iterator[Row | str]:
     """Rows as they are measured, first that of coulomb; a text where there is no mesh.
 
     Args:
         names: Of SIZES; None for all.
         peers: Of PEERS.
         limit: Processor seconds for each run.
+        scales: Factors of SIZES.
 
     Raises:
         ValueError: If a name is unknown.
@@ -92,30 +96,31 @@ def measure(names: Sequence[str] | None, peers: Sequence[str], limit: float) -> 
     for given, known in ((names or (), SIZES), (peers, PEERS)):
         if unknown := [name for name in given if name not in known]:
             raise ValueError(f"there is no {unknown[0]!r} here; there are {', '.join(known)}")
-    for order in (1, 2):
-        for name in names or SIZES:
-            with tempfile.TemporaryDirectory() as folder:
-                if scale := SIZES[name][order - 1]:
-                    try:
-                        deck = write(DECKS / f"{name}.inp", scale, order, Path(folder))
-                    except RuntimeError as error:
-                        yield f"{name}, order {order}: {error}"
-                        continue
-                    yield from _beside(deck, order, peers, limit)
+    for scale, order, name in itertools.product(scales, (1, 2), names or SIZES):
+        with tempfile.TemporaryDirectory() as folder:
+            if size := scale * SIZES[name][order - 1]:
+                try:
+                    deck = write(DECKS / f"{name}.inp", size, order, Path(folder))
+                except RuntimeError as error:
+                    yield f"{name}, order {order}: {error}"
+                    continue
+                yield from _beside(deck, order, peers, limit)
 
 
-def fields(names: Sequence[str] | None, peers: Sequence[str], limit: float) -> Iterator[Mapping[str, object] | str]:
+def fields(
+    names: Sequence[str] | None, peers: Sequence[str], limit: float, scales: Sequence[float]
+) -> Iterator[Mapping[str, object] | str]:
     """`measure` for `benchmarks.__main__.table`."""
-    return (row if isinstance(row, str) else row._asdict() for row in measure(names, peers, limit))
+    return (row if isinstance(row, str) else row._asdict() for row in measure(names, peers, limit, scales))
 
 
 def draw(rows: Sequence[Mapping[str, object]], directory: Path | None) -> None:
     """Processor seconds of every run, crosses where there is no answer: beside.png in the directory."""
     if directory is None or not rows:
         return
-    figure = Figure(figsize=(8.0, 5.2), layout="constrained")
+    runs = [f"{row['part']} {row['order']}, {row['unknowns']}" for row in rows]
+    figure = Figure(figsize=(8.0, 2.0 + 0.25 * len(set(runs))), layout="constrained")
     axis = figure.subplots()
-    runs = [f"{row['part']} {row['order']}" for row in rows]
     places = {run: place for place, run in enumerate(dict.fromkeys(runs))}
     for program, colour in zip(dict.fromkeys(row["program"] for row in rows), ("k", "C0", "C2", "C1"), strict=False):
         for ended, marker in ((True, "o"), (False, "x")):
