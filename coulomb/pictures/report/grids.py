@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes.util
 import itertools
-import math
 import os
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
@@ -274,8 +273,9 @@ def _way_out(contact: Grid, nodes: IntArray, face: FloatArray, staying: FloatArr
     if np.linalg.norm(mean) >= 0.3 and not through:
         return _APART * np.linalg.norm(np.ptp(face, axis=0)) * mean / np.linalg.norm(mean)
     along = np.linalg.eigh(normals.T @ (area[:, None] * normals))[1][:, 0]  # the axis of a hole or of a slot
-    outward = float((body.mean(axis=0) - contact.points[nodes].mean(axis=0)) @ along)
-    return math.copysign(1.1, outward) * float(np.ptp(body @ along)) * along
+    ends, others = (np.array([np.min(x @ along), np.max(x @ along)]) for x in (body, staying))
+    ahead, back = others[1] - ends[0], ends[1] - others[0]
+    return (min(ahead, back) + 0.1 * np.ptp(ends)) * (along if ahead <= back else -along)
 
 
 _VTK_TYPES = {"Hexahedron": 12, "Tetrahedron": 10, "Quadrilateral": 9, "Triangle": 5}
