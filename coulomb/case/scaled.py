@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from .curves import CurveTable
 from .files import KeyPath
-from .tolerances import called, tolerances
+from .tolerances import called, place_of, tolerances
 from .values import Table
 
 if TYPE_CHECKING:
@@ -27,11 +27,50 @@ _ONE = ((0.0, 1.0), (1.0, 1.0))
 """The amplitude without one."""
 
 _SEVERAL = "there are several of this name"
+_NO_NUMBER = "it is not one number of the case"
 _OF_FRICTION = ("friction", "slip stress", "cohesion", "friction limit")
+_OF_CONTACTS = (*_OF_FRICTION, "gap", "load on the foundation", "motion of the foundation", "conductance")
 
 
 class NotScaled(ValueError):
     """An input that is not one number or function of the case, with the reason."""
+
+
+def inputs_in(case: Case, faces: Sequence[str]) -> list[str]:
+    """The names of the inputs of a case that are not 0, as `model.sensitivity.Sensitivity.name`, without the numbers of
+    those that occur again; the faces of contacts are called as the problem calls them."""
+    whole = [*(f" of {one.name!r}" for one in case.body), ""]
+    heated = [(one, *((" on", one.face) if one.face else (" of", one.body))) for one in case.heat]
+    names = [
+        *(f"{kind} of {face!r}" for face in faces for kind in _OF_CONTACTS),
+        *(f"{kind} on {one.face!r}" for kind, (tables, _) in _LOADS.items() for one in getattr(case, tables)),
+        *(f"{kind}{of}" for kind in ("body force", "gravity", "temperature change", "young") for of in whole),
+        *(f"{kind}{f'{of} {name!r}' if name else ''}" for kind in _HEAT for _, of, name in heated),
+        *(f"pretension of {one.face!r}" for one in case.pretension),
+        "prescribed displacements",
+        *lengths(case),
+    ]
+    return [name for name in dict.fromkeys(names) if _changes(case, name)]
+
+
+def refuse_unknown(case: Case, names: Sequence[str], faces: Sequence[str]) -> None:
+    """ValueError if one of these is neither the name of an input of a case (`inputs_in`) nor the place of a number."""
+    there = inputs_in(case, faces)
+    for name in names:
+        at = place_of(case, name)
+        if not (_changes(case, name) if at else re.sub(r" \(\d+\)$", "", name) in there):
+            raise ValueError(
+                f"output.sensitivity: there is no input {name!r} that is not 0; there are {', '.join(there)}; or give "
+                "the place of a number of the case, as material.poisson"
+            )
+
+
+def _changes(case: Case, name: str) -> bool:
+    """Whether there is an input of this name that is not 0."""
+    try:
+        return scaled(case, name, 2.0) != case
+    except NotScaled as reason:
+        return str(reason) != _NO_NUMBER
 
 
 def lengths(case: Case) -> list[str]:
@@ -40,10 +79,10 @@ def lengths(case: Case) -> list[str]:
     return [f"length {axis}{of}" for of, one in tables if one is not None and one.box is not None for axis in "xyz"]
 
 
-def single_numbers(case: Case, names: Sequence[str]) -> dict[str, tuple[str, float]]:
-    """Which of the inputs of these names are one number with a tolerance, by the place of this number: the input, and
-    its change with the logarithm of the input."""
-    places, before = [path for path, _ in tolerances(case)], dict(_numbers(case.model_dump()))
+def single_numbers(case: Case, names: Sequence[str], places: Sequence[KeyPath]) -> dict[str, tuple[str, float]]:
+    """Which of the inputs of these names are the one number at one of some places, by this place as it is `called`: the
+    input, and the change of the number with the logarithm of the input."""
+    before = dict(_numbers(case.model_dump()))
     numbers = dict[str, tuple[str, float]]()
     for name in names if places else ():
         try:
@@ -81,14 +120,14 @@ def scaled(case: Case, name: str, factor: float) -> Case:
 
     Args:
         name: Of the input, as `model.sensitivity.Sensitivity.name`: "friction of 'bottom'", "young of 'upper'"; or the
-            place of a number with a tolerance, as it is `called`, by which 0 grows.
+            place of a number, as it is `called`, which grows by its tolerance if it is 0.
         factor: By which it is multiplied.
 
     Raises:
         NotScaled: If the input is none of the case's, or is one of several on the same face.
     """
-    if given := next(((path, tolerance) for path, tolerance in tolerances(case) if called(path) == name), None):
-        path, tolerance = given
+    if path := place_of(case, name):
+        tolerance = dict(tolerances(case)).get(path, 0.0)
         return cast("Case", _with(case, path, lambda old: _product(old, factor) if old else (factor - 1.0) * tolerance))
     matched = re.fullmatch(r"(.*?)(?: o[fn] '(.*)')?( \(\d+\))?", name)
     assert matched is not None
@@ -97,7 +136,7 @@ def scaled(case: Case, name: str, factor: float) -> Case:
         raise NotScaled(_SEVERAL)
     made = _known(case, kind, face, factor)
     if not made:
-        raise NotScaled("it is not one number of the case")
+        raise NotScaled(_NO_NUMBER)
     return case.model_copy(update=made)
 
 
@@ -164,9 +203,13 @@ def _known(case: Case, kind: str, face: str, factor: float) -> dict[str, Any]:
         scaled = {key: changed(getattr(case, key), ("value",)) for key in ("clamp", "prescribed_displacement")}
         scaled["prescribed_rotation"] = changed(case.prescribed_rotation, ("angle",))
         scaled["rigid_face"] = changed(case.rigid_face, ("translation", "rotation"))
+        scaled["pretension"] = changed(case.pretension, ("shortening",))
+        scaled["equation"] = changed(case.equation, ("constant",))
         return scaled
     if kind == "pretension":
-        return {"pretension": changed(case.pretension, ("force",))}
+        if sum(map(here, case.pretension)) > 1:
+            raise NotScaled(_SEVERAL)
+        return {"pretension": changed(case.pretension, ("force",), here)} if any(map(here, case.pretension)) else {}
     if kind == "temperature change" and case.temperature is not None:
         if face and face != case.temperature.body:
             raise NotScaled(_SEVERAL)
@@ -233,7 +276,7 @@ def _product(value: Any, factor: float, rest: float = 0.0) -> Any:
         return tuple(_product(one, factor) for one in value)
     if isinstance(value, Table) and not isinstance(value, CurveTable):
         return _times(value, [key for key, _ in value if key not in _NOT_FRICTION], factor)
-    raise NotScaled("it is not one number of the case")
+    raise NotScaled(_NO_NUMBER)
 
 
 _NOT_FRICTION = ("decay_speed", "pressure", "box")

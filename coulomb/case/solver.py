@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 import coulomb
 
@@ -103,16 +103,24 @@ class HistoryTable(Table):
         return tuple(float(t) for t in np.linspace(0.0, self.end, self.steps + 1)[1:])
 
 
+def _inputs(given: object) -> object:
+    names = given if isinstance(given, list | tuple) else ()
+    if not isinstance(given, bool) and not (names and all(isinstance(name, str) for name in names)):
+        raise ValueError('should be true, false, or a list of inputs, as ["friction of \'bottom\'", "material.young"]')
+    return given
+
+
 class OutputTable(Table):
     """Directory of the results, and whether to write a picture and the report, and to estimate the error of the mesh:
-    error bars of all totals.  `format` are the files of the fields, `sensitivity` derivatives of totals, with what the
-    tolerances of inputs make uncertain together; `verify` compares each with answers of the changed case."""
+    error bars of all totals.  `format` are the files of the fields, `sensitivity` derivatives of totals along all
+    inputs, or those of a list by their names or the places of numbers, with what the tolerances of inputs make
+    uncertain together; `verify` compares each with answers of the changed case."""
 
     directory: FileName = "results"
     picture: bool = True
     report: bool = False
     error: bool = False
-    sensitivity: bool = False
+    sensitivity: Annotated[bool | tuple[str, ...], BeforeValidator(_inputs)] = False
     verify: bool = False
     format: tuple[Literal["xdmf", "vtkhdf", "csv", "frd"], ...] = ("xdmf",)
 

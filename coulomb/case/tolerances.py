@@ -27,6 +27,17 @@ def tolerances(table: Table, path: KeyPath = ()) -> Iterator[tuple[KeyPath, floa
                 yield from tolerances(one, (*path, key, number))
 
 
+def place_of(case: Table, name: str) -> KeyPath:
+    """The place of a number, or of the numbers of a list, that is an input of the problem, as it is `called`; () if
+    there is none."""
+    path = tuple(int(key) if key.isdecimal() else key for key in name.split("."))
+    try:
+        found = isinstance(number_at(case, path), float) and path[0] not in _OTHERS
+    except (AttributeError, IndexError, TypeError, ValueError):
+        found = False
+    return path if found else ()
+
+
 def refuse_others(case: Table) -> None:
     """ValueError if there is a tolerance of what is no input."""
     for path, _ in tolerances(case):

@@ -13,8 +13,8 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..case.case import Case
-from ..case.scaled import NotScaled, lengths, scaled, single_numbers
-from ..case.tolerances import called, number_at, tolerances
+from ..case.scaled import NotScaled, inputs_in, lengths, scaled, single_numbers
+from ..case.tolerances import called, number_at, place_of, tolerances
 from ..io.error_bars import ComparisonHistories, error_of
 from ..io.other_meshes import NoErrorBars, without_remarks
 from ..linalg.reductions import Reductions
@@ -65,13 +65,31 @@ class Sensitivities:
 
     def __init__(self, settings: Case):
         self._settings, self._tolerances = settings, list(tolerances(settings))
-        self._asked, self._found = settings.output.sensitivity, list[Sensitivity]()
-        self._others, self._without = lengths(settings), False
+        self._asked, self._found = bool(settings.output.sensitivity), list[Sensitivity]()
         self._posed = dict[str, Posed]()
+        self._known: dict[str, tuple[str, float]] | None = None
+
+    def _choose(self, faces: Sequence[str]) -> None:
+        """Which inputs are wanted: all, or those of a list and those with tolerances; those beside the inputs of the
+        model are lengths, and places of numbers that are none of these alone."""
+        wanted, there = self._settings.output.sensitivity, inputs_in(self._settings, faces)
+        listed = () if isinstance(wanted, bool) else wanted
+        given, lengths_there = [path for path, _ in self._tolerances], lengths(self._settings)
+        places = [*given, *(path for name in listed if (path := place_of(self._settings, name)))]
+        self._known = known = single_numbers(self._settings, there, places)
+        names = [name for name in listed if not place_of(self._settings, name)]
+        names += [known.get(called(path), (called(path),))[0] for path in places]
+        self._only = frozenset(names).__contains__ if listed else None
+        more = [called(path) for path in places if called(path) not in known]
+        self._lengths = [name for name in lengths_there if not listed or name in names]
+        self._others = [*self._lengths, *dict.fromkeys(more)]
+        self._unsaid = [name for name in self._others if name in listed]
 
     def of(self, solution: Solution) -> dict[str, Any]:
         if not self._asked:
             return {}
+        if self._known is None:
+            self._choose(solution.problem.surface.faces)
         try:
             with timed(solution.problem.seconds, "sensitivity"):
                 self._found = self._of(solution)
@@ -93,19 +111,19 @@ class Sensitivities:
         """With those to lengths of boxes and to numbers with tolerances that are no input by themselves, where they are
         known; a warning says why not."""
         without = why_no_others(solution.problem)
+        others = {} if without else self._problems(solution.problem.comm)
+        if without and self._unsaid:
+            errors.out(f"warning: output.sensitivity: there is none to {', '.join(self._unsaid)}: {without}")
+            self._unsaid = []
         try:
-            found = solution.sensitivities(self._found, {} if without else self._problems(solution.problem.comm))
-            if self._found or without or self._without or not (more := self._no_inputs(found)):
-                return found
-            self._others = [*self._others, *more]
-            return solution.sensitivities([], self._problems(solution.problem.comm))
+            return solution.sensitivities(self._found, others, self._only)
         except ValueError as reason:
-            if without or not self._others:
+            if not others:
                 raise
-            known = [] if self._others == lengths(self._settings) else lengths(self._settings)
+            known = [] if self._others == self._lengths else self._lengths
             left = [name for name in self._others if name not in known]
             errors.out(f"warning: output.sensitivity: there is none to {', '.join(left)}: {reason}")
-            self._others, self._without = known, True
+            self._others = known
             self._found = [one for one in self._found if one.name not in left]
             return self._of(solution)
 
@@ -119,23 +137,18 @@ class Sensitivities:
         self._posed |= {name: cache(partial(posed, name)) for name in self._others if name not in self._posed}
         return {name: self._posed[name] for name in self._others}
 
-    def _no_inputs(self, sensitivities: Sequence[Sensitivity]) -> list[str]:
-        """The places of numbers with tolerances that are no input by themselves."""
-        known = single_numbers(self._settings, [sensitivity.name for sensitivity in sensitivities])
-        return [called(path) for path, _ in self._tolerances if called(path) not in known]
-
     def _bars(self, solution: Solution) -> dict[str, Any]:
         """Of summary.json, what tolerances make uncertain, and why some are not among them."""
-        if not self._tolerances:
+        if not self._tolerances or not self._found:
             return {}
         named, parts, without = {one.name: one for one in self._found}, list[_Part](), dict[str, str]()
-        known = single_numbers(self._settings, list(named))
+        known = self._known or {}
         for path, tolerance in self._tolerances:
             place = called(path)
             name, change = known.get(place, (place, number_at(self._settings, path) or tolerance))
             if name in named:
                 parts.append((named[name], tolerance / abs(change)))
-            else:
+            elif place not in known:  # else it does nothing in this answer
                 without[place] = why_no_others(solution.problem) or "it is none of the inputs"
         return {**input_bars(self._found, parts), "without_bar": without}
 

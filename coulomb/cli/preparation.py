@@ -10,6 +10,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..case.case import Case
+from ..case.scaled import refuse_unknown
 from ..io.history_files import steps_left
 from ..io.output import refuse_full_disk, size_on_disk
 from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
@@ -31,6 +32,8 @@ def prepared(settings: Case, target: Path, force: bool, resume: bool = False) ->
             refuse_too_many_cells(mesh.cells, mesh.order_of_box(settings.poisson(name)), force, comm)
     settings = settings.resolved(comm)
     problem = settings.problem(comm)
+    if not isinstance(settings.output.sensitivity, bool):
+        refuse_unknown(settings, settings.output.sensitivity, problem.surface.faces)
     problem.refuse_wrong_supports(() if settings.history is None else settings.history.ends)
     if resume and (left := steps_left(target, comm)) is not None:
         problem.body.stiffness.expect_load_steps(left)

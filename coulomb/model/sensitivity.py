@@ -43,7 +43,7 @@ class Sensitivity:
 
     Attributes:
         name: "friction of 'bottom'", "cohesion of 'bottom'", "pressure on 'top'", "young of 'upper'", "gap of 'bore'",
-            "prescribed displacements", "pretension", "motion of the foundation of 'bottom'".
+            "prescribed displacements", "pretension of 'upper:cut'", "motion of the foundation of 'bottom'".
         contact_force: Derivative of x along the logarithm of the input, newtons, shape (3 m,): a hundredth of it is
             what 1 % more of the input does.
         displacement: Likewise of u, metres, this rank's nodes, shape (k, 3).
@@ -97,6 +97,7 @@ def sensitivities(
     answer: NodalAnswer,
     earlier: Sequence[Sensitivity] = (),
     others: Mapping[str, Posed] | None = None,
+    only: Callable[[str], bool] | None = None,
 ) -> list[Sensitivity]:
     """Of an answer to friction, cohesion, given gaps, loads, prescribed displacements and Young's moduli; collective.
 
@@ -107,6 +108,7 @@ def sensitivities(
         answer: The same at the contact points.
         earlier: Those of the load step before: slip counts from its displacement.
         others: Other inputs by their names, as lengths.
+        only: Which of the inputs are wanted beside these, by their names; all by default.
 
     Raises:
         ValueError: As `refuse`; in a later load step without those of the step before; if the answer is (nearly) not
@@ -120,6 +122,7 @@ def sensitivities(
     inputs = inputs_of(problem, x, u, answer.given_gap)
     here = _Answer(problem, x, u, answer)
     inputs |= {name: Input(heat=one) for name, one in (here.heat.inputs() if here.heat else {}).items()}
+    inputs = {name: one for name, one in inputs.items() if only is None or only(name)}
     inputs |= {name: Input(changed=here.changed(pose)) for name, pose in (others or {}).items()}
     inputs |= {one.name: Input() for one in earlier if one.name not in inputs}
     rising = here.along(inputs, {one.name: one for one in earlier}, 1.0)
@@ -229,16 +232,14 @@ class _Answer:
         return derivatives
 
     def _derived(self, one: Input, of: _Right, at: _Solved, sign: float) -> Derived:
-        pulled, moved = (
-            self._over.any(given is not None and bool(np.any(given)))
-            for given in ((None, None) if one.loading is None else (one.loading.tension, one.loading.apart))
-        )
+        given = (None, None) if one.loading is None else (one.loading.tension, one.loading.apart)
+        moved = self._over.any(given[1] is not None and bool(np.any(given[1])))
         spring = None if one.spring is None or one.loading is None else (one.spring, one.loading.load)
         poses, then = (self._problem.state.poses_after(alpha) for alpha in (sign * at.owed.alpha, 0.0 * at.owed.alpha))
         way = None if poses is None or then is None else poses - then
         c = of.c + self._terms.relative(sign * at.owed.alpha)
         x, changed = sign * at.owed.x, one.changed
-        return Derived(at.problem, x, at.u, way, c, of.terms, pulled, moved, spring, one.energy, changed)
+        return Derived(at.problem, x, at.u, way, c, of.terms, given[0], moved, spring, one.energy, changed)
 
     def changed(self, pose: Posed) -> Changed:
         """What a change of another input does at the forces and displacements of the answer; collective."""

@@ -94,8 +94,11 @@ def inputs_of(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: Float
     given = _prescribed(problem, still)
     if over.any(bool(np.any(given.prescribed) or np.any(given.apart))):
         put("prescribed displacements", Input(loading=given))
-    if loading.tension is not None and np.any(loading.tension):
-        put("pretension", Input(loading=replace(still, tension=loading.tension)))
+    for bolt, own in body.constraints.of_bolts:
+        if loading.tension is not None and loading.tension[own]:
+            tension = np.zeros_like(loading.tension)
+            tension[own] = loading.tension[own]
+            put(f"pretension of {bolt.face!r}", Input(loading=replace(still, tension=tension)))
     for number, spring in enumerate(body.spring_forces(u)):
         place = "" if spring.face is None else f" on {spring.face!r}"
         put(f"stiffness of the spring{place}", Input(loading=replace(still, load=spring.forces), spring=number))

@@ -14,7 +14,6 @@ from ..fem.bodies import Bolt
 from ..fem.contact import Pretension
 from ..linalg.reductions import Reductions
 from .discrete_problem import DiscreteProblem
-from .force_balance import force_balance
 from .geometric_terms import Terms
 from .nodal_answer import OPEN, NodalAnswer
 from .resultants import Resultant, resultants
@@ -46,8 +45,8 @@ class Derived:
         poses: and of the `ContactState.poses` of foundations under load, shape (faces, 6); None without any.
         c: Of gap and slip origin, with the ways of foundations under load, metres, shape (m, 3).
         terms: The geometric terms; None without any.
-        pulled: Whether the input are forces of bolts,
-        moved: or motions of rigid faces.
+        tension: The forces of bolts that are the input, newtons, shape (width,); None of others.
+        moved: Whether motions of rigid faces are.
         spring: The number of the spring whose stiffness is the input, and its forces, newtons, (k, 3); None of others.
         energy: Of a modulus or a temperature that is the input the number of the body, and what it does by itself to
             its strain energy, joules; None of others.
@@ -60,7 +59,7 @@ class Derived:
     poses: FloatArray | None
     c: FloatArray
     terms: Terms | None
-    pulled: bool
+    tension: FloatArray | None
     moved: bool
     spring: tuple[int, FloatArray] | None
     energy: tuple[int, float] | None
@@ -184,10 +183,8 @@ def other_totals(
     body, time, surface = changed.elasticity, changed.time, changed.surface
     imbalance = body.internal_force(du) - body.spring_force(du) - changed.loading.load + surface.at_nodes(derived.x)
     none, constraints, over = np.zeros_like(du), body.constraints, Reductions(changed.comm, body.copies)
-    of_ties = constraints.forces(imbalance, time)
-    if not derived.pulled:  # forces of bolts and motions are given, but where they are the input
-        of_ties = of_ties - constraints.forces(none, time)
-    reaction = body.held.held_part(imbalance - of_ties)
+    pulled = constraints.pulling(derived.tension)
+    reaction = body.held.held_part(imbalance - pulled.forces(imbalance, time))
     springs = list(body.spring_forces(du))
     if left is not None:  # those of rigid faces are the last ones
         for number, one in enumerate(constraints.sprung, len(springs) - len(constraints.sprung)):
@@ -211,22 +208,19 @@ def other_totals(
         turned, cuts = _turned(derived, imbalance, left, u, over)
         entries |= turned
     elif constraints.ties:
-        tied, still = (force_balance(changed, of, none, held, none) for of, held in ((du, imbalance), (none, none)))
-        entries["rigid_faces"] = {
-            one.face: {
-                name: getattr(one, name) - (0.0 if derived.moved else getattr(by, name))
-                for name in ("translation", "rotation", "force", "moment")
-            }
-            for one, by in zip(tied.rigid_faces, still.rigid_faces, strict=True)
-        }
-        entries["ties"] = {
-            one.name: {name: getattr(one, name) - (0.0 if derived.pulled else getattr(by, name)) for name in _MOMENTS}
-            for one, by in zip(tied.ties, still.ties, strict=True)
-        }
-        given = [entries["ties"][of.name] for of in tied.ties if of.kind == Pretension.kind]
+        tied = resultants(pulled.shares(imbalance, time), body.x, over)
+        motions, still = (constraints.motions_of_faces(of, time) for of in (du, none))
+        entries["rigid_faces"] = {}
+        for (face, point, motion), (_, _, given), force in zip(motions, still, tied, strict=False):
+            way = motion if derived.moved else motion - given  # what is given stays, but where it is the input
+            moment = force.moment - np.cross(point, force.force)
+            entry = {"translation": way[:3], "rotation": way[3:], "force": force.force, "moment": moment}
+            entries["rigid_faces"][face] = entry
+        entries["ties"] = {one.name: _moments(one) for one in tied[len(entries["rigid_faces"]) :]}
+        screwed = [one for one in tied if one.kind == Pretension.kind]
         cuts = [
-            _Cut(of.shortening, one["force"], one["moment"], np.zeros(3), np.zeros(3))
-            for of, one in zip(tied.bolts, given, strict=True)
+            _Cut(of.shortening, one.force, one.moment, np.zeros(3), np.zeros(3))
+            for of, one in zip(constraints.bolts_at(du), screwed, strict=True)
         ]
     entries["loaded_foundations"] = _foundations(answer, derived, totals)
     bolts = [(bolt.face, _carried(bolt, now, cut, sign)) for (bolt, now), cut in zip(sections, cuts, strict=True)]
@@ -282,13 +276,12 @@ def _turned(
     body, du, time, terms = derived.problem.elasticity, derived.u, derived.problem.time, derived.terms
     assert terms is not None
     constraints, x, totals = body.constraints, body.x, dict[str, dict[str, dict[str, Any]]]()
-    forces = [list(constraints.shares(of, time)) for of in (left, imbalance, np.zeros_like(du))]
-    changes = []
-    for tie, more, still in zip(constraints.every, *forces[1:], strict=True):
-        share = more.forces - (0.0 if derived.pulled else still.forces)
-        share[tie.nodes] -= terms.turned[tie.nodes]
-        changes.append(replace(more, forces=share))
-    present, arms, change = (resultants(of, at, over) for of, at in ((forces[0], x), (forces[0], du), (changes, x)))
+    forces, changes = list(constraints.shares(left, time)), []
+    pulled = constraints.pulling(derived.tension)
+    for tie, change_of in zip(constraints.every, pulled.shares(imbalance, time), strict=True):
+        change_of.forces[tie.nodes] -= terms.turned[tie.nodes]
+        changes.append(change_of)
+    present, arms, change = (resultants(of, at, over) for of, at in ((forces, x), (forces, du), (changes, x)))
     each = list(zip(present, change, arms, strict=True))
     totals["rigid_faces"] = {}
     for motion, (now, more, arm) in zip(constraints.motions, each, strict=False):

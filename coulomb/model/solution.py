@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -311,7 +311,10 @@ class Solution:
         return self.certificate.passed and not self.outside
 
     def sensitivities(
-        self, earlier: Sequence[Sensitivity] = (), others: Mapping[str, Posed] | None = None
+        self,
+        earlier: Sequence[Sensitivity] = (),
+        others: Mapping[str, Posed] | None = None,
+        only: Callable[[str], bool] | None = None,
     ) -> list[Sensitivity]:
         """What the answer owes to each input: friction, gaps, loads, prescribed displacements, motions of and loads on
         foundations, Young's moduli; exact derivatives, with how far they hold; in a load step with those of the
@@ -323,13 +326,15 @@ class Solution:
             earlier: As said.
             others: More inputs by their names, each a function that poses the problem with the input times a factor, as
                 of lengths, radii or directions, in small strains; without totals at probes, whose places stay.
+            only: Which of the inputs above are wanted, by their names; all by default.
 
         Raises:
             ValueError: With heat in large motions or on foundations under load, with friction that depends on the slip
                 rate in a load step, in a load step without those of the step before, or if the answer is nearly one of
                 several.
         """
-        return sensitivities(self.problem, self.contact_force, self.displacement, self.at_nodes, earlier, others)
+        there = self.problem, self.contact_force, self.displacement, self.at_nodes
+        return sensitivities(*there, earlier, others, only)
 
     def gradient(
         self,

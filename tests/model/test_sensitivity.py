@@ -188,6 +188,46 @@ def test_on_the_command_line_and_where_it_is_refused(tmp_path):
     assert "verify is about sensitivity: give both" in refused.stderr
 
 
+def test_a_list_of_inputs_names_those_of_the_table_and_places_of_numbers(tmp_path):
+    """A number that is an input alone has its name; those of the list are what they are without it."""
+    (tmp_path / "case.toml").write_text(
+        "[mesh]\nbox = [1.0, 1.0, 0.5]\ncells = [2, 2, 1]\n[material]\nyoung = 1e9\npoisson = 0.3\n"
+        '[[total_force]]\nface = "top"\nforce = [1e5, 0.0, -1e6]\n[contact]\nface = "bottom"\nfriction = 0.3\n'
+        "friction_tolerance = 0.05\n[output]\npicture = false\n"
+    )
+
+    def entries(*words):
+        run_coulomb("run", "case.toml", *words, cwd=tmp_path)
+        contents = json.loads((tmp_path / "results" / "summary.json").read_text())
+        slips = {one["input"]: one["totals"]["bottom"]["greatest_slip"] for one in contents["sensitivity"]}
+        return slips, contents["input_bars"]["bottom"]["greatest_slip"]
+
+    wanted = ["material.young", "length y", "material.poisson"]
+    found, bars = entries("--set", f"output.sensitivity={json.dumps(wanted)}")
+    assert list(found) == ["friction of 'bottom'", "young", "length y", "material.poisson"]  # one has a tolerance
+    every, of_all = entries("--sensitivity")
+    poisson = found.pop("material.poisson")
+    assert found == pytest.approx({name: every[name] for name in found}, rel=1e-9) and len(every) > len(found)
+    assert bars == pytest.approx(of_all, rel=1e-9)
+    more, less = (
+        json.loads((tmp_path / f"{nu}" / "summary.json").read_text())["totals"]["greatest_slip"]
+        for nu in (0.301, 0.299)
+        if run_coulomb("run", "case.toml", "--set", f"material.poisson={nu}", "--output", f"{nu}", cwd=tmp_path)
+    )
+    assert poisson == pytest.approx(0.3 * (more - less) / 0.002, rel=1e-3)
+    for wrong in ("frction of 'bottom'", "contact.gap", "mesh.cells.0"):
+        given = f"output.sensitivity={json.dumps(['young', wrong])}"
+        refused = run_coulomb("run", "case.toml", "--set", given, cwd=tmp_path, code=2)
+        assert f'there is no input "{wrong}"' in refused.stderr.replace("'" + wrong + "'", f'"{wrong}"')
+        assert (
+            "there are friction of 'bottom', total force on 'top', young, length x, length y, length z"
+            in refused.stderr
+        )
+    for wrong in ("[]", '"young"', "[3]"):
+        refused = run_coulomb("run", "case.toml", "--set", f"output.sensitivity={wrong}", cwd=tmp_path, code=2)
+        assert "should be true, false, or a list of inputs" in refused.stderr
+
+
 EVERYTHING = """
 [[body]]
 name = "low"
@@ -239,6 +279,7 @@ picture = false
 def test_each_input_of_a_case_is_verified_by_answers_of_the_changed_case(tmp_path):
     """With a derivative that is a tenth too large, none that matters."""
     from coulomb.case.case import read_case
+    from coulomb.case.scaled import inputs_in
     from coulomb.cli import bars
     from coulomb.cli.bars import sensitivity_entries
 
@@ -248,6 +289,9 @@ def test_each_input_of_a_case_is_verified_by_answers_of_the_changed_case(tmp_pat
     found = []
     for step in settings.load_history().steps(settings.problem()):
         found = step.solution.sensitivities(found)
+    assert {one.name for one in found} < set(inputs_in(settings, step.solution.problem.surface.faces))
+    some = step.solution.sensitivities([], only=lambda name: name.startswith("young"))
+    assert [one.name for one in some] == ["young of 'low'", "young of 'up'"]
     verify = bars.TaylorTest(settings, step.solution)
     results = {one.name: verify.of(one) for one in found}
     assert len(results) >= 10 and all(one["passed"] for one in results.values())

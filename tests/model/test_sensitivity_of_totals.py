@@ -46,6 +46,24 @@ def bolted(force=1.0, young=1.0):
     )
 
 
+def tightened(one=1.0, two=1.0):
+    """A block that two bolts pull onto the ground, between which it is lifted."""
+    names = "one", "two"
+    columns = {
+        name: coulomb.moved(coulomb.box((0.1, 0.2, 0.3), (1, 1, 1)), translate=(0.6 * k + 0.1, 0.1, 0.2))
+        for k, name in enumerate(names)
+    }
+    forces = {"one": 3e5 * one, "two": 2e5 * two}
+    return coulomb.ContactProblem(
+        coulomb.join(low=coulomb.box((0.9, 0.4, 0.2), (9, 4, 2)), **columns),
+        coulomb.Material(2e11, 0.3),
+        [coulomb.Clamp(f"{name}:top") for name in names],
+        coulomb.Contact("low:bottom", friction=0.3),
+        [coulomb.TotalForce("low:right", (2e4, 0.0, 3e4))],
+        ties=[coulomb.Pretension(f"{name}:bottom", "low:top", force=-forces[name]) for name in names],
+    )
+
+
 def glued(pushed=1.0, young=1.0, moved=1.0):
     """A block that is tied to another, which lies on the ground, and held aside."""
     upper = coulomb.moved(coulomb.box((0.3, 0.3, 0.4), (2, 2, 2)), translate=(0.1, 0.1, 0.5))
@@ -166,7 +184,8 @@ def test_where_lengths_are_not_known():
     [
         (sprung, {"stiffness of the spring on 'right'": "stiffness", "pressure on 'top'": "pushed", "young": "young"}),
         (turned, {"total force on 'top'": "pushed", "prescribed displacements": "moved", "young": "young"}),
-        (bolted, {"pretension": "force", "young of 'up'": "young"}),
+        (bolted, {"pretension of 'up:bottom'": "force", "young of 'up'": "young"}),
+        (tightened, {"pretension of 'one:bottom'": "one", "pretension of 'two:bottom'": "two"}),
         (glued, {"total force on 'up:top'": "pushed", "young of 'up'": "young", "prescribed displacements": "moved"}),
     ],
 )

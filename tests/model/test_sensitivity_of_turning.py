@@ -46,7 +46,7 @@ def test_a_jaw_against_central_differences():
 
 def test_a_strut_against_central_differences(propped):
     """Also of its jack, which is locked in the second step."""
-    inputs = {**OF_STRUT, "pretension": "pressed"}
+    inputs = {**OF_STRUT, "pretension of 'upper:bottom'": "pressed"}
     worst = differs(partial(strut, 0.5), inputs, TIMES, h=5e-5, present=propped)
     assert max(worst.values()) < 1e-6, worst
 

@@ -62,6 +62,7 @@ class Constraints:
     """
 
     _displaced: FloatArray | None = None
+    _pulling: FloatArray | None = None
     _before: End | None = None
     reduction: Reduction
 
@@ -368,8 +369,16 @@ class Constraints:
             y[own] = bolt.given.value(time, self.comm) if bolt.given.force is None else 0.0
         return reduction.followed(offset) + reduction.moved(y)
 
+    def pulling(self, tension: FloatArray | None) -> Constraints:
+        """The same under these forces of bolts along own unknowns at any time, newtons, shape (width,); of None 0."""
+        other = copy.copy(self)
+        other._pulling = np.zeros(self.reduction.width) if tension is None else tension
+        return other
+
     def _tension(self, time: float) -> FloatArray:
         """The forces of bolts along own unknowns at a time, newtons, shape (width,); collective."""
+        if self._pulling is not None:
+            return self._pulling
         forces = np.zeros(self.reduction.width)
         for bolt, own in self.of_bolts:
             if not bolt.given.fixed(time):
