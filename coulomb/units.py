@@ -177,9 +177,12 @@ def vector(
     return f"({shown}){NARROW}{prefixed}"
 
 
-def with_bar(values: Sequence[float], bars: Sequence[float] | None, unit: str) -> str:
+def with_bar(
+    values: Sequence[float], bars: Sequence[float] | None, unit: str, of_inputs: Sequence[float] | None = None
+) -> str:
     """A number, or the components of a vector, with error bars in two digits: 104.42 ± 0.59 MN; without bars in four
-    digits.  At most six decimals; the prefix suits the larger one: 0.0 ± 1.8 µm."""
+    digits.  At most six decimals; the prefix suits the larger one: 0.0 ± 1.8 µm.  With those of inputs: 104.42 ± 0.59
+    (mesh) ± 2.1 (inputs) MN."""
     factor, prefixed = scale_of(max(map(abs, [*values, *(bars or ())])), unit)
     largest = 0.0 if bars is None else max(bars) / factor
     decimals = min(max(1 - math.floor(math.log10(largest)), 0), 6) if 0.0 < largest < math.inf else 4
@@ -193,7 +196,10 @@ def with_bar(values: Sequence[float], bars: Sequence[float] | None, unit: str) -
     if bars is None:
         return f"{listed([number(value / factor) for value in values])}{NARROW}{prefixed}"
     small = [rounded_off(bar) if round(bar / factor, decimals) else number(bar / factor, 2) for bar in bars]
-    return f"{listed([rounded_off(value) for value in values])} ± {listed(small)}{NARROW}{prefixed}"
+    both = listed(small)
+    if of_inputs is not None:
+        both += f" (mesh) ± {listed([number(bar / factor, 2) for bar in of_inputs])} (inputs)"
+    return f"{listed([rounded_off(value) for value in values])} ± {both}{NARROW}{prefixed}"
 
 
 def in_prefixed(values: Sequence[float], unit: str) -> str:

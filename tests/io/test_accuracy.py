@@ -52,6 +52,8 @@ def test_the_scale_of_moments_about_the_middle_of_a_contact():
 
 def test_the_prefix_of_a_value_with_an_error_bar_suits_the_larger_one():
     assert with_bar([1.04e8], [5.9e5], "N") == f"104.00 ± 0.59{NARROW}MN"
+    both = f"(104.00, 1.20) ± (0.50, 0.60) (mesh) ± (2.1, 0) (inputs){NARROW}MN"
+    assert with_bar([1.04e8, 1.2e6], [5e5, 6e5], "N", [2.1e6, 0.0]) == both
     assert with_bar([1e-20], [1.795e-6], "m") == f"0.0 ± 1.8{NARROW}µm"
     assert with_bar([0.0, 1e-3], None, "N") == f"(0, 1){NARROW}mN"
 

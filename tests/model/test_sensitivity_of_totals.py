@@ -241,7 +241,14 @@ def test_tolerances_of_inputs_give_all_totals_a_bar():
         each = [tolerances[name] * np.array(by[name].others[kind][called][of]) for name in tolerances]
         bar = entries["other_input_bars"][kind][called][of]
         assert bar == pytest.approx(np.hypot(*each)) and max(bar) > 0.0
-    assert entries["input_bars"]["bottom"]["normal_force"] > 0.0
+    normal = entries["input_bars"]["bottom"]["normal_force"]
+    assert normal > 0.0
+    of_mesh = [
+        {"quantity": place, "value": 100.0 * normal, "error": normal, "order": None, "unit": "N"}
+        for place in ("totals.normal_force", "strain_energy", "maximum.displacement")
+    ]
+    shown = [text for _, text, _ in words.bars_in_words(entries | {"error": {"bars": of_mesh}})]
+    assert ["(mesh)" in one and "(inputs)" in one for one in shown] == [True, True, False]
     assert input_bars(found, [])["input_bars"]["bottom"]["force"] == [0.0, 0.0, 0.0]
 
 

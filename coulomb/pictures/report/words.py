@@ -52,8 +52,24 @@ def bars_in_words(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
         if not any(values) and (bars is None or max(bars) <= 2.0 * (left if isinstance(left, float) else max(left))):
             continue
         remark = f", {bar['remark']}" if "remark" in bar else ""
-        shown = with_bar(values, bars, bar["unit"]) + remark
+        of_inputs = _bar_of_inputs(summary, bar["quantity"], _NO_CHANGE * max(map(abs, values)))
+        shown = with_bar(values, bars, bar["unit"], of_inputs) + remark
         yield _total_in_words(bar["quantity"]), shown, "–" if order is None else number(order, 2)
+
+
+def _bar_of_inputs(summary: Mapping[str, Any], quantity: str, least: float) -> list[float] | None:
+    """What the tolerances of inputs make uncertain in a total, by its place in the summary, 0 up to the least; None
+    where it is not known."""
+    place, _, total = quantity.replace("heat.flows.", "heat_flows.").rpartition(".")
+    kind, _, name = place.partition(".")
+    faces, others = summary.get("input_bars", {}), summary.get("other_input_bars", {})
+    if kind in ("totals", "faces"):
+        bars = faces.get(name or next(iter(faces), ""), {})
+    else:
+        bars = others.get(kind or "bodies", {}).get(name, {})  # the energy of the only body
+    bar = bars.get(total)
+    each = [bar] if isinstance(bar, float) else bar
+    return each and [one if one > least else 0.0 for one in each]
 
 
 def other_totals(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, dict[str, list[float]]]]:
