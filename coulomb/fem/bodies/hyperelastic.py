@@ -143,7 +143,7 @@ class HyperelasticBody(NonlinearBody):
         stretch = None if thermal is None else self._thermal_stretch(thermal, mesh, materials)
         q = elastic(invariants(F), stretch)
         known = [ufl.variable(one) for one in q]
-        density = self._density(laws, known) * (1.0 if stretch is None else stretch**3)
+        density = self._density(laws, known, dx) * (1.0 if stretch is None else stretch**3)
         self._energy_density, energy = density, density * dx
         for volume in self._volumes:
             density += volume.tension * known[volume.invariant]
@@ -255,12 +255,12 @@ class HyperelasticBody(NonlinearBody):
             copy.copy(self)._hold(loaded)
         return self._siblings[loaded.acting]
 
-    def _density(self, laws: Sequence[tuple[str | None, Any]], of: Sequence[Any]) -> Any:
+    def _density(self, laws: Sequence[tuple[str | None, Any]], of: Sequence[Any], dx: Any) -> Any:
         """Strain energy per undeformed volume: the sum of those of all laws, each 0 in the cells of others."""
         loaded, density, self._volumes = self._loaded, 0.0, list[MeanVolume]()
         count = loaded.domain.topology.index_map(3).size_local
         hexahedra = linear_hexahedra(loaded.domain)
-        means = self.thermal is None and (hexahedra or (loaded.mesh.tetrahedra and loaded.degree == 2))
+        means = self.thermal is None and (hexahedra or loaded.degree == 2)
         kinds = [(type(material), getattr(material, "alpha", ())) for _, material in laws]
         for kind in dict.fromkeys(kinds):
             mine = [law for law, of in zip(laws, kinds, strict=True) if of == kind]
@@ -275,7 +275,7 @@ class HyperelasticBody(NonlinearBody):
             part = mine[0][1].volumetric
             moduli = np.maximum(values[part.modulus] - local, 0.0)
             if loaded.comm.allreduce(bool(np.any(moduli)), op=MPI.LOR):
-                self._volumes.append(MeanVolume(loaded.V, part.invariant, part.function, moduli))
+                self._volumes.append(MeanVolume(loaded.V, dx, part.invariant, part.function, moduli))
                 values[part.modulus] -= moduli
             density += mine[0][1].energy(of, *(loaded._on_cells(one, name) for name, one in values.items()))
         return density
@@ -325,7 +325,7 @@ class HyperelasticBody(NonlinearBody):
 
     @property
     def has_mean_dilatation(self) -> bool:
-        return bool(self._volumes) and linear_hexahedra(self.domain)
+        return bool(self._volumes) and not self._loaded.mesh.tetrahedra
 
     @property
     def _products(self) -> list[CellProducts]:

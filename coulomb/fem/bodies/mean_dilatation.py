@@ -12,7 +12,7 @@ kappa div u div v.  b is the integral itself on distorted cells, too, so that pa
 slopes at the middle of the cell.  It is the Q1-P0 element: pressures are constant in cells, and may alternate from cell
 to cell (checkerboard) where a mesh is regular and all its boundary is held; nodal forces and displacements do not.
 
-Of tetrahedra of first order the mean is the value itself: it changes nothing, and they lock all the same.  Those of
+Of tetrahedra of first order the mean is the value itself: it changes nothing, and they lock all the same.  Cells of
 second order have it in large motions beside a part at every point (AT_POINTS).
 """
 
@@ -45,12 +45,14 @@ times as soft, nu = 0.45: products differ by 3e-10 where they are repeated (2.4e
 stiff 24.  Where the two are equally stiff products repeat to 1e-12."""
 
 AT_POINTS: Final = 10.0
-"""Of 10-node tetrahedra in large motions the modulus of volume over the shear modulus that counts at every point; the
-rest counts for the mean of each cell.  Changes of volume at points oscillate, and times 5000 shear moduli (a Poisson's
-ratio of 0.4999) they are pressures under which the tangent is indefinite: that block is pressed by 7 % with all of it
-at points, and by 30 % and more with 5 to 100 shear moduli there, and with the mean alone, which has 15 % less force at
-30 % on 4 cells across.  With 10 it has 8 % more on 4 cells than hexahedra on 10, and 0.4 % less on 6.  All tend to the
-same; up to a Poisson's ratio of 0.45 there is no rest."""
+"""Of cells of second order in large motions the modulus of volume over the shear modulus that counts at every point;
+the rest counts for the mean of each cell.  Changes of volume at points oscillate, and times 5000 shear moduli (a
+Poisson's ratio of 0.4999) they are pressures under which the tangent is indefinite: of 10-node tetrahedra that block is
+pressed by 7 % with all of it at points, and by 30 % and more with 5 to 100 shear moduli there, and with the mean alone,
+which has 15 % less force at 30 % on 4 cells across.  With 10 it has 8 % more on 4 cells than hexahedra on 10, and 0.4 %
+less on 6.  27-node hexahedra on 4 cells are pressed by 30 % in three steps of 4, 4 and 5 linear problems, with all of
+it at points in four of up to 20, with 14 % more force at 10 %.  All tend to the same; up to a Poisson's ratio of 0.45
+there is no rest."""
 
 LOCKING_ABOVE: Final = 0.45
 """The same of tetrahedra of first order from which on they are said to lock: in that block they are too stiff by 26 and
@@ -143,7 +145,8 @@ class MeanVolume:
     linear problems a step in place of 5, and of 10-node tetrahedra pressed by 40 % in two steps 5 in place of 14.
 
     Args:
-        V: The space of displacements, of hexahedra of first order, or tetrahedra of second order.
+        V: The space of displacements, of hexahedra of first order, or of cells of second order.
+        dx: Measure of the cells, as of the other part of the energy.
         invariant: 0 for the trace of C = F^T F, 2 for det F.
         function: f and its first two derivatives.
         k: In pascals, of this rank's own cells, 0 without this part; shape (c,).
@@ -154,14 +157,14 @@ class MeanVolume:
         products: The part k f''/V b b^T at that displacement.
     """
 
-    def __init__(self, V: Any, invariant: int, function: Callable[[FloatArray], FloatArray], k: FloatArray):
+    def __init__(self, V: Any, dx: Any, invariant: int, function: Callable[[FloatArray], FloatArray], k: FloatArray):
         self._V, self.invariant, self._cells, self._u = V, invariant, np.flatnonzero(k), fem.Function(V)
         self._function = function
         self._k, W = k[self._cells], compat.functionspace(V.mesh, 0, family="DG")
         self._dofs = compat.cell_dofs(W)[self._cells, 0]
         self.tension, self.ahead = fem.Function(W, name="tension"), fem.Function(W, name="tension_ahead")
         F, v, q = ufl.Identity(3) + ufl.grad(self._u), ufl.TestFunction(V), ufl.TestFunction(W)
-        theta, dx = (ufl.tr(F.T * F), None, ufl.det(F))[invariant], ufl.dx(metadata={"quadrature_degree": 3})
+        theta = (ufl.tr(F.T * F), None, ufl.det(F))[invariant]
         self._b = fem.form(ufl.derivative(theta, self._u, v) * dx)
         self._integral = fem.form(theta * q * dx)
         self._volume = self._over_cells(fem.form(fem.Constant(V.mesh, 1.0) * q * dx))

@@ -293,9 +293,8 @@ class NonlinearBody(FormBody):
         return self.nodes_of(boundary_facets(self.domain))
 
     def least_volume_ratio(self, u: FloatArray) -> float:
-        """Smallest det(I + grad u) of all cells: negative where one is inside out; at the nodes of each, or where all
-        the volume that counts is the mean of a cell, so that corners may be, at the points of integration;
-        collective."""
+        """Smallest det(I + grad u) of all cells: negative where one is inside out; at the nodes of each, or of
+        hexahedra with the mean dilatation, of which corners may be, at the points of integration; collective."""
         self._evaluate_at(u)
         own = np.arange(self.domain.topology.index_map(3).size_local, dtype=np.int32)
         values = in_cells(self._volume_ratio, self.domain, own)
@@ -305,7 +304,7 @@ class NonlinearBody(FormBody):
     def _volume_ratio(self) -> Any:
         points = compat.interpolation_points(compat.functionspace(self.domain, self.degree, family="DG"))
         if self.has_mean_dilatation:
-            points = 0.5 + (points - 0.5) / 3.0**0.5
+            points = 0.5 + (points - 0.5) * (1.0 / 3.0 if self.degree == 1 else 0.6) ** 0.5
         return fem.Expression(ufl.det(ufl.Identity(3) + ufl.grad(self._function)), points)
 
     # --- deformed surface -------------------------------------------------------------------------------------------
