@@ -32,6 +32,7 @@ from ..linalg.compliance import (
     chosen,
     fits,
     patience,
+    stiffness_in_blocks,
     undecided,
     worth,
 )
@@ -127,6 +128,7 @@ class FixedStiffness:
         self._seconds, self._many = seconds, many
         self.responses = LinearResponseCache(elasticity.comm)
         self._latest: tuple[ContactSurface, BodyCompliance] | None = None
+        self._tried = False
 
     @cached_property
     def with_formed(self) -> FixedStiffness:
@@ -136,14 +138,15 @@ class FixedStiffness:
 
     @cached_property
     def solver(self) -> StiffnessSolver:
-        """K^-1; where A is formed with the contact nodes eliminated last, which gives A.  Multigrid keeps K in blocks,
-        so that the matrix is let go, a third of the memory of a body."""
+        """K^-1; where A is formed with the contact nodes eliminated last, which gives A."""
         if isinstance(self._solver, IterativeSolver):
             self.elasticity.let_go_of_matrix()
         return self._solver
 
     @cached_property
     def _solver(self) -> StiffnessSolver:
+        """Multigrid has K in blocks, which are less than half of the matrix: this is let go before grids are made, and
+        where factors may be needed in its place when they are not."""
         K, x, method = self.elasticity.K, self.elasticity.reduction.points, self.method
         with timed(self._seconds, "stiffness"), explained(self.elasticity):
             if method.explicit or method.linear_solver is DirectSolver:
@@ -158,7 +161,13 @@ class FixedStiffness:
                 self._fronts = factors.fronts
                 return factors
             soft = self._soft  # before grids are made, which take the memory that this leaves
-            solver = method.linear_solver(K)
+            if method.linear_solver is not IterativeSolver or self._tried:
+                solver = method.linear_solver(K)
+            else:
+                blocks = stiffness_in_blocks(K)
+                del K
+                self.elasticity.let_go_of_matrix()
+                solver = IterativeSolver(blocks)
             if soft is not None and isinstance(solver, IterativeSolver):
                 solver.separate(soft)
             return solver
@@ -171,6 +180,7 @@ class FixedStiffness:
     def iterations_within(self, most: float) -> float:
         """Of multigrid for the displacements under 1 N along the normal of every contact point, to 1e-8; inf if they
         are more than `most`, the same number on all ranks; collective."""
+        self._tried = True
         solver, B = self._solver, self._reference.free_B
         assert isinstance(solver, IterativeSolver)
         f, u = self.elasticity.reduced.vector(), self.elasticity.reduced.vector()

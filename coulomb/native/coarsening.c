@@ -7,53 +7,33 @@
 
 #include "lanes.h"
 
-/* Here rows of a matrix are in blocks of which every entry is stored, as compressed rows of single entries: the blocks of row i
-are ptr[i] to ptr[i + 1], in columns `col`; a row of a block begins after those of the blocks before it. */
+/* Here the rows of a symmetric matrix are those of its upper triangle in blocks, `val` + `low` as in blocks.h, by all
+blocks of a row: those of row i are ptr[i] to ptr[i + 1], in columns `col`, ascending; block k is that at at[k], or the
+transposed of that at ~at[k].  Of columns of other ranks `at` is NULL: block k is that at k. */
 
-/* The pattern of n rows of blocks of b x b from that of their entries: 1, or 0 if not every entry of a block is stored
-or columns do not ascend. */
-int block_pattern(int n, int b, const int *ptr, const int *col, int *pointers, int *columns)
+/* All rows of the upper triangle (upper, column), in every row of which the block on the diagonal is first. */
+void whole_rows(int n, const int *upper, const int *column, int *ptr, int *col, int *at)
 {
-    pointers[0] = 0;
-    for (int i = 0; i < n; i++) {
-        const int first = ptr[b * i], length = ptr[b * i + 1] - first, count = length / b;
-        if (length % b || ptr[b * i + b] - first != b * length)
-            return 0;
-        for (int r = 0; r < b; r++) {
-            const int *row = col + ptr[b * i + r];
-            if (ptr[b * i + r] != first + r * length)
-                return 0;
-            for (int k = 0; k < length; k++)
-                if (row[k] != (row[k - k % b] / b) * b + k % b || (k && row[k] <= row[k - 1]))
-                    return 0;
-            if (r && memcmp(row, col + first, sizeof(int) * length))
-                return 0;
+    memset(ptr, 0, sizeof(int) * (n + 1));
+    for (int i = 0; i < n; i++)
+        for (int k = upper[i]; k < upper[i + 1]; k++) {
+            ptr[i + 1]++;
+            if (column[k] != i)
+                ptr[column[k] + 1]++;
         }
-        for (int k = 0; k < count; k++)
-            columns[pointers[i] + k] = col[first + b * k] / b;
-        pointers[i + 1] = pointers[i] + count;
-    }
-    return 1;
-}
-
-/* Blocks of b x b, one after the other, by rows of entries: pattern and values. */
-void entries_of_blocks(int n, int b, int threads, const int *pointers, const int *columns, const double *blocks,
-                       int *ptr, int *col, double *val)
-{
+    for (int i = 0; i < n; i++)
+        ptr[i + 1] += ptr[i];
+    for (int i = 0; i < n; i++) /* the blocks before the diagonal are there when row i comes */
+        for (int k = upper[i]; k < upper[i + 1]; k++) {
+            col[ptr[i]] = column[k];
+            at[ptr[i]++] = k;
+            if (column[k] != i) {
+                col[ptr[column[k]]] = i;
+                at[ptr[column[k]]++] = ~k;
+            }
+        }
+    memmove(ptr + 1, ptr, sizeof(int) * n);
     ptr[0] = 0;
-#pragma omp parallel for schedule(static) num_threads(threads) if (threads > 1)
-    for (int i = 0; i < n; i++) {
-        const long first = b * b * (long)pointers[i], count = pointers[i + 1] - pointers[i];
-        for (int r = 0; r < b; r++) {
-            const long row = first + r * b * count;
-            ptr[b * i + r + 1] = (int)(row + b * count);
-            for (long k = 0; k < count; k++)
-                for (int c = 0; c < b; c++) {
-                    col[row + b * k + c] = b * columns[pointers[i] + k] + c;
-                    val[row + b * k + c] = blocks[first + b * b * k + b * r + c];
-                }
-        }
-    }
 }
 
 /* Aggregates of the n nodes of a graph, in which edges count where `strong` is not 0: out[i] is that of node i, -1 where
@@ -166,13 +146,20 @@ void coupled_aggregates(int n, int threads, const int *ptr, const int *col, cons
     }
 }
 
-/* The columns of a row of P^T K P, ascending where `columns` is not 0: their number; `touched` are the nodes to which
-P^T K couples it, `most` their largest number so far. */
-static int row_pattern(int row, int n, const int *begin, const int *rows, const int *ptr, const int *col,
+/* The columns of a row of P^T K P, ascending where `columns` is not 0: their number; of the first `own` rows those from
+the diagonal on, which is always there.  `touched` are the nodes to which P^T K couples it, `most` their largest number
+so far. */
+static int row_pattern(int row, int own, int n, const int *begin, const int *rows, const int *ptr, const int *col,
                        const int *ghost_ptr, const int *ghost_col, const int *p_ptr, const int *p_col, int *node_seen,
                        int *coarse_seen, int *touched, int *columns, int *most)
 {
     int nodes = 0, found = 0;
+    if (row < own) {
+        coarse_seen[row] = row;
+        if (columns)
+            columns[found] = row;
+        found++;
+    }
     for (int t = begin[row]; t < begin[row + 1]; t++)
         for (int part = 0; part < (ghost_ptr ? 2 : 1); part++) {
             const int i = rows[t], *p = part ? ghost_ptr : ptr, *c = part ? ghost_col : col;
@@ -186,7 +173,7 @@ static int row_pattern(int row, int n, const int *begin, const int *rows, const 
         }
     for (int s = 0; s < nodes; s++)
         for (int k = p_ptr[touched[s]]; k < p_ptr[touched[s] + 1]; k++)
-            if (coarse_seen[p_col[k]] != row) {
+            if (coarse_seen[p_col[k]] != row && (row >= own || p_col[k] > row)) {
                 coarse_seen[p_col[k]] = row;
                 if (columns)
                     columns[found] = p_col[k];
@@ -199,27 +186,27 @@ static int row_pattern(int row, int n, const int *begin, const int *rows, const 
     return found;
 }
 
-/* The pattern of the first `coarse` rows of P^T K P, of `width` columns: how many blocks the rows have, in `pointers`, or where these are known
-their columns, ascending.  `nodes` are the rows of P, of which the first n are this rank's.  The largest number of
-nodes to which P^T K couples a row. */
-int product_pattern(int n, int nodes, int coarse, int width, int threads, const int *begin, const int *rows, const int *ptr,
-                    const int *col, const int *ghost_ptr, const int *ghost_col, const int *p_ptr, const int *p_col,
-                    int *pointers, int *columns)
+/* The pattern of the first `coarse` rows of P^T K P, of `width` columns: how many blocks the rows have, in `pointers`, or
+where these are known their columns, ascending, of the first `own` rows those of the upper triangle.  `nodes` are the
+rows of P, of which the first n are this rank's.  The largest number of nodes to which P^T K couples a row. */
+int product_pattern(int n, int nodes, int own, int coarse, int width, int threads, const int *begin, const int *rows,
+                    const int *ptr, const int *col, const int *ghost_ptr, const int *ghost_col, const int *p_ptr,
+                    const int *p_col, int *pointers, int *columns)
 {
     int most = 0;
 #pragma omp parallel num_threads(threads) if (threads > 1) reduction(max : most)
     {
-        int *memory = malloc(sizeof(int) * (2 * (long)nodes + width + 1)), own = 0;
+        int *memory = malloc(sizeof(int) * (2 * (long)nodes + width + 1)), here = 0;
         memset(memory, -1, sizeof(int) * (2 * (long)nodes + width + 1));
 #pragma omp for schedule(dynamic, 64)
         for (int row = 0; row < coarse; row++) {
-            const int found = row_pattern(row, n, begin, rows, ptr, col, ghost_ptr, ghost_col, p_ptr, p_col, memory,
-                                          memory + nodes, memory + nodes + width,
-                                          columns ? columns + pointers[row] : 0, &own);
+            const int found = row_pattern(row, own, n, begin, rows, ptr, col, ghost_ptr, ghost_col, p_ptr, p_col,
+                                          memory, memory + nodes, memory + nodes + width,
+                                          columns ? columns + pointers[row] : 0, &here);
             if (!columns)
                 pointers[row] = found;
         }
-        most = own > most ? own : most;
+        most = here > most ? here : most;
         free(memory);
     }
     return most;

@@ -1,56 +1,58 @@
 /* From a grid to a coarser one; included by shapes.h for every shape. */
 
+/* Block k of a row, BR x BR. */
+static inline __attribute__((always_inline)) void NAME(block)(long k, const int *at, const float *val, const float *low,
+                                                              double *block)
+{
+    const long place = at ? at[k] : k;
+    const float *high = val + BR * BR * (place < 0 ? ~place : place), *rest = low + (high - val);
+    if (place < 0)
+        for (int r = 0; r < BR; r++)
+            for (int c = 0; c < BR; c++)
+                block[BR * r + c] = (double)high[BR * c + r] + rest[BR * c + r];
+    else
+        for (int e = 0; e < BR * BR; e++)
+            block[e] = (double)high[e] + rest[e];
+}
+
 #if BC == 6
 
 /* What K says about its nodes, from a part of its rows: norm[i] <- the square of the block on the diagonal (where
 `norm` is not 0), and loose[r] <- 1 where row r has an entry beside the diagonal; both are 0 before. */
-void NAME(examine)(int n, int threads, const int *ptr, const int *col, const double *val, double *norm,
-                   unsigned char *loose)
+void NAME(examine)(int n, int threads, const int *ptr, const int *col, const int *at, const float *val,
+                   const float *low, double *norm, unsigned char *loose)
 {
 #pragma omp parallel for schedule(static) num_threads(threads) if (threads > 1)
-    for (int i = 0; i < n; i++) {
-        const long length = BR * (long)(ptr[i + 1] - ptr[i]);
-        const double *row = val + BR * BR * (long)ptr[i];
-        int own = -1;
-        for (int k = ptr[i]; norm && k < ptr[i + 1]; k++)
-            if (col[k] == i)
-                own = k - ptr[i];
-        for (int r = 0; r < BR; r++, row += length) {
-            double off = 0.0, sum = 0.0;
-            for (long at = 0; at < length; at++)
-                off += fabs(row[at]);
-            if (own >= 0) {
-                off = 0.0;
-                for (long at = 0; at < length; at++)
-                    off += at == BR * own + r ? 0.0 : fabs(row[at]);
-                for (int c = 0; c < BR; c++)
-                    sum += row[BR * own + c] * row[BR * own + c];
-                norm[i] += sum;
-            }
-            if (off > 0.0)
-                loose[BR * i + r] = 1;
+    for (int i = 0; i < n; i++)
+        for (int k = ptr[i]; k < ptr[i + 1]; k++) {
+            const int own = norm && col[k] == i;
+            double block[BR * BR];
+            NAME(block)(k, at, val, low, block);
+            for (int r = 0; r < BR; r++)
+                for (int c = 0; c < BR; c++) {
+                    if (own)
+                        norm[i] += block[BR * r + c] * block[BR * r + c];
+                    if (block[BR * r + c] != 0.0 && !(own && r == c))
+                        loose[BR * i + r] = 1;
+                }
         }
-    }
 }
 
 /* strong[k] <- whether block k is not small beside the diagonals, by Frobenius norms: more than `part` of the geometric
 mean of those. */
-void NAME(strength)(int n, int threads, const int *ptr, const int *col, const double *val, const double *norm,
-                    double part, unsigned char *strong)
+void NAME(strength)(int n, int threads, const int *ptr, const int *col, const int *at, const float *val,
+                    const float *low, const double *norm, double part, unsigned char *strong)
 {
     const double square = part * part;
 #pragma omp parallel for schedule(static) num_threads(threads) if (threads > 1)
-    for (int i = 0; i < n; i++) {
-        const long length = BR * (long)(ptr[i + 1] - ptr[i]);
+    for (int i = 0; i < n; i++)
         for (int k = ptr[i]; k < ptr[i + 1]; k++) {
-            const double *block = val + BR * BR * (long)ptr[i] + BR * (k - ptr[i]);
-            double sum = 0.0;
-            for (int r = 0; r < BR; r++)
-                for (int c = 0; c < BR; c++)
-                    sum += block[length * r + c] * block[length * r + c];
+            double sum = 0.0, block[BR * BR];
+            NAME(block)(k, at, val, low, block);
+            for (int e = 0; e < BR * BR; e++)
+                sum += block[e] * block[e];
             strong[k] = col[k] != i && sum > 0.0 && sum > square * sqrt(norm[i] * norm[col[k]]);
         }
-    }
 }
 
 /* modes, (BR n, 6) by rows, <- orthonormal columns on each aggregate, and R, 6 x 6 per aggregate, with modes = new modes R;
@@ -106,9 +108,10 @@ void NAME(orthonormal)(int aggregates, int threads, const int *begin, const int 
 
 /* P <- P0 - S K P0, of which `pointers` are known: columns of a row ascending, values in single precision.  P0 has a
 block of BR x 6 per node, in the column `aggregates`; S is diagonal; `count` the number of columns. */
-void NAME(smoothed)(int n, int threads, const int *ptr, const int *col, const double *val, const int *ghost_ptr,
-                    const int *ghost_col, const double *ghost_val, const int *aggregates, int count, const double *P0,
-                    const double *S, const int *pointers, int *columns, float *values)
+void NAME(smoothed)(int n, int threads, const int *ptr, const int *col, const int *at, const float *val,
+                    const float *low, const int *ghost_ptr, const int *ghost_col, const float *ghost_val,
+                    const float *ghost_low, const int *aggregates, int count, const double *P0, const double *S,
+                    const int *pointers, int *columns, float *values)
 {
 #pragma omp parallel num_threads(threads) if (threads > 1)
     {
@@ -128,20 +131,19 @@ void NAME(smoothed)(int n, int threads, const int *ptr, const int *col, const do
                 sum[s] = (d4){0};
             for (int part = 0; part < (ghost_ptr ? 2 : 1); part++) {
                 const int *p = part ? ghost_ptr : ptr, *c = part ? ghost_col : col;
-                const double *v = part ? ghost_val : val;
-                const long length = BR * (long)(p[i + 1] - p[i]);
                 for (int k = p[i]; k < p[i + 1]; k++) {
                     const long j = c[k] + (part ? n : 0);
                     if (aggregates[j] < 0)
                         continue;
-                    const double *block = v + BR * BR * (long)p[i] + BR * (k - p[i]);
+                    double block[BR * BR];
+                    NAME(block)(k, part ? 0 : at, part ? ghost_val : val, part ? ghost_low : low, block);
                     for (int h = 0; h < PARTS; h++) {
                         d4 *to = sum + PARTS * BR * (long)place[aggregates[j]] + h, row[BR];
                         for (int c2 = 0; c2 < BR; c2++)
                             row[c2] = *(const d4 *)(P0 + 6 * (BR * j + c2) + 4 * h);
                         for (int r = 0; r < BR; r++)
                             for (int c2 = 0; c2 < BR; c2++)
-                                to[PARTS * r] += block[length * r + c2] * row[c2];
+                                to[PARTS * r] += block[BR * r + c2] * row[c2];
                     }
                 }
             }
@@ -161,15 +163,16 @@ void NAME(smoothed)(int n, int threads, const int *ptr, const int *col, const do
 #endif
 
 /* P^T K P, of which pointers and columns are known (product_pattern, also of the arguments), block after block. */
-void NAME(galerkin)(int n, int nodes, int coarse, int wide, int threads, int most, const int *begin, const int *rows,
-                    const int *places, const int *ptr, const int *col, const double *val, const int *ghost_ptr,
-                    const int *ghost_col, const double *ghost_val, const int *p_ptr, const int *p_col,
-                    const float *p_val, const int *pointers, const int *columns, double *values)
+void NAME(galerkin)(int n, int nodes, int own, int coarse, int wide, int threads, int most, const int *begin,
+                    const int *rows, const int *places, const int *ptr, const int *col, const int *at, const float *val,
+                    const float *low, const int *ghost_ptr, const int *ghost_col, const float *ghost_val,
+                    const float *ghost_low, const int *p_ptr, const int *p_col, const float *p_val, const int *pointers,
+                    const int *columns, double *values)
 {
 #pragma omp parallel num_threads(threads) if (threads > 1)
     {
         int *place = malloc(sizeof(int) * ((long)nodes + wide + most + 1)), *touched = place + nodes;
-        int *at = touched + most, widest = 0;
+        int *column = touched + most, widest = 0;
         memset(place, -1, sizeof(int) * nodes);
         for (int row = 0; row < coarse; row++)
             widest = pointers[row + 1] - pointers[row] > widest ? pointers[row + 1] - pointers[row] : widest;
@@ -179,16 +182,16 @@ void NAME(galerkin)(int n, int nodes, int coarse, int wide, int threads, int mos
             int count = 0;
             for (int t = begin[row]; t < begin[row + 1]; t++) { /* W = P^T K of this row, columns of blocks */
                 const int i = rows[t];
-                d4 own[BR][PARTS];
+                d4 of_row[BR][PARTS];
                 for (int r = 0; r < BR; r++)
                     for (int h = 0; h < PARTS; h++)
-                        own[r][h] = up4(p_val + BR * BC * (long)places[t] + BC * r + 4 * h);
+                        of_row[r][h] = up4(p_val + BR * BC * (long)places[t] + BC * r + 4 * h);
                 for (int part = 0; part < (ghost_ptr ? 2 : 1); part++) {
                     const int *p = part ? ghost_ptr : ptr, *c = part ? ghost_col : col;
-                    const double *v = (part ? ghost_val : val) + BR * BR * (long)p[i];
-                    const long length = BR * (long)(p[i + 1] - p[i]);
-                    for (int k = p[i]; k < p[i + 1]; k++, v += BR) {
+                    for (int k = p[i]; k < p[i + 1]; k++) {
                         const int j = c[k] + (part ? n : 0);
+                        double v[BR * BR];
+                        NAME(block)(k, part ? 0 : at, part ? ghost_val : val, part ? ghost_low : low, v);
                         if (place[j] < 0) {
                             place[j] = count;
                             touched[count] = j;
@@ -201,7 +204,7 @@ void NAME(galerkin)(int n, int nodes, int coarse, int wide, int threads, int mos
                             for (int h = 0; h < PARTS; h++) {
                                 d4 sum = w[PARTS * b + h];
                                 for (int r = 0; r < BR; r++)
-                                    sum += v[length * r + b] * own[r][h];
+                                    sum += v[BR * r + b] * of_row[r][h];
                                 w[PARTS * b + h] = sum;
                             }
                     }
@@ -209,7 +212,7 @@ void NAME(galerkin)(int n, int nodes, int coarse, int wide, int threads, int mos
             }
             const int first = pointers[row], width = pointers[row + 1] - first;
             for (int f = 0; f < width; f++)
-                at[columns[first + f]] = f;
+                column[columns[first + f]] = f;
             for (long s = 0; s < PARTS * BC * (long)width; s++)
                 A[s] = (d4){0};
             for (int s = 0; s < count; s++) {
@@ -217,8 +220,10 @@ void NAME(galerkin)(int n, int nodes, int coarse, int wide, int threads, int mos
                 const double *w = (const double *)(W + PARTS * BR * (long)s);
                 place[j] = -1;
                 for (int k = p_ptr[j]; k < p_ptr[j + 1]; k++) {
+                    if (row < own && p_col[k] < row)
+                        continue;
                     for (int h = 0; h < PARTS; h++) {
-                        d4 *to = A + PARTS * BC * (long)at[p_col[k]] + h, row_of[BR];
+                        d4 *to = A + PARTS * BC * (long)column[p_col[k]] + h, row_of[BR];
                         for (int b = 0; b < BR; b++)
                             row_of[b] = up4(p_val + BR * BC * (long)k + BC * b + 4 * h);
                         for (int a = 0; a < BC; a++) {

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 import scipy.sparse
+from mpi4py import MPI
 
-from coulomb.linalg.multigrid.block_matrix import padded
+from coulomb.linalg.multigrid.block_matrix import DistributedBlocks, padded, split
+from coulomb.linalg.multigrid.coarsening import WholeRows
 from coulomb.linalg.multigrid.multigrid_cycle import exact_solver
-from coulomb.linalg.petsc_arrays import Entries
 from coulomb.native import address, kernels
 
 
@@ -18,30 +19,35 @@ def blocks_of_all_sizes(count, size, rng):
     K *= 10.0 ** rng.uniform(-3.0, 0.0, (count, 1, count, 1))
     K[np.arange(count), :, np.arange(count)] = rng.standard_normal((count, size, size)) + 3.0 * np.eye(size)
     K *= pattern[:, None, :, None]
+    for i in range(count):
+        K[i, :, :i] = K[:i, :, i].transpose(2, 0, 1)
+        K[i, :, i] = np.tril(K[i, :, i]) + np.tril(K[i, :, i], -1).T
     for row in (0, 1):  # the second is held in the middle of its block
         diagonal = K[row, row, row, row]
-        K[row, row] = 0.0
+        K[row, row] = K[:, :, row, row] = 0.0
         K[row, row, row, row] = diagonal
-    columns = [np.flatnonzero(row) for row in pattern]
+    columns = [i + np.flatnonzero(row[i:]) for i, row in enumerate(pattern)]
     pointers = np.concatenate([[0], np.cumsum([len(c) for c in columns])]).astype(np.int32)
-    values = np.concatenate([K[i, :, c, :].transpose(1, 0, 2).ravel() for i, c in enumerate(columns)])
-    return K, pointers, np.concatenate(columns).astype(np.int32), values
+    blocks = np.concatenate([K[i, :, c, :] for i, c in enumerate(columns)])
+    upper = split(pointers, np.concatenate(columns).astype(np.int32), blocks)
+    return K, WholeRows(DistributedBlocks(MPI.COMM_SELF, upper, None, np.empty(0), np.array([0, count])), size)
 
 
 @pytest.mark.parametrize("team", [1, 3])
 @pytest.mark.parametrize("size", [3, 6])
 def test_strength_of_coupling(size, team):
     rng, count, part = np.random.default_rng(size), 25, 0.1
-    K, pointers, columns, values = blocks_of_all_sizes(count, size, rng)
+    K, rows = blocks_of_all_sizes(count, size, rng)
+    pointers, columns = rows.own[:2]
+    np.testing.assert_array_equal(columns, np.nonzero(np.abs(K).max(axis=(1, 3)))[1])
     norms, loose, strong = np.zeros(count), np.zeros(size * count, np.uint8), np.empty(len(columns), np.uint8)
-    pattern = tuple(map(address, (pointers, columns, values)))
-    kernels()[f"examine_{size}_6"](count, team, *pattern, address(norms), address(loose))
+    kernels()[f"examine_{size}_6"](count, team, *rows.own, norms, loose)
     frobenius = np.sqrt((K**2).sum(axis=(1, 3)))
     np.testing.assert_allclose(norms, np.diag(frobenius) ** 2, rtol=1e-13)
     beside = K.reshape(size * count, -1) * ~np.eye(size * count, dtype=bool)
     np.testing.assert_array_equal(loose, beside.any(axis=1))
     assert 0 < loose.sum() < len(loose)
-    kernels()[f"strength_{size}_6"](count, team, *pattern, address(norms), part, address(strong))
+    kernels()[f"strength_{size}_6"](count, team, *rows.own, norms, part, strong)
     row = np.repeat(np.arange(count), np.diff(pointers))
     ratio = frobenius[row, columns] / np.sqrt(np.diag(frobenius)[row] * np.diag(frobenius)[columns])
     np.testing.assert_array_equal(strong, (ratio > part) & (row != columns))
@@ -111,29 +117,8 @@ def test_a_coarsest_grid_that_nothing_holds(copies):
     chain = np.diag([1.0, *[2.0] * (n - 2), 1.0]) - np.eye(n, k=1) - np.eye(n, k=-1)
     K = scipy.sparse.csr_matrix(np.kron(np.eye(copies), chain))
     forces = np.tile(np.arange(n) - 0.5 * (n - 1), copies)
-    solver = exact_solver(Entries(K.indptr, K.indices, K.data))
+    solver = exact_solver(K)
     r = padded(len(forces))
     r[:] = forces
     assert np.abs(K @ solver(r) - forces).max() <= 1e-8
     solver.destroy()
-
-
-@pytest.mark.parametrize(
-    "rows, blocks",
-    [
-        (3 * [[0, 1, 2, 6, 7, 8]], [0, 2]),
-        (3 * [[0, 1, 2, 6, 7, 8, 9]], None),  # a part of a block
-        (3 * [[6, 7, 8, 0, 1, 2]], None),  # not ascending
-        ([[0, 1, 2], [3, 4, 5], [0, 1, 2]], None),  # other blocks in the second row
-        ([[0, 1, 2], [0, 1, 2], [0, 1, 2, 3, 4, 5]], None),
-        (3 * [[1, 2, 3]], None),  # across two blocks
-    ],
-)
-def test_blocks_of_which_every_entry_is_stored(rows, blocks):
-    pointers = np.concatenate([[0], np.cumsum([len(row) for row in rows])]).astype(np.int32)
-    entries, begin = np.concatenate(rows).astype(np.int32), np.empty(2, np.int32)
-    found = np.empty(len(entries), np.int32)
-    whole = kernels().block_pattern(1, 3, *map(address, (pointers, entries, begin, found)))
-    assert whole == (blocks is not None)
-    if blocks is not None:
-        assert begin.tolist() == [0, len(blocks)] and found[: len(blocks)].tolist() == blocks

@@ -22,8 +22,8 @@ from coulomb import (
 from coulomb.fem.bodies.materials import midpoints
 from coulomb.linalg.compliance import stiffness
 from coulomb.linalg.multigrid import coarsening, multigrid_cycle
-from coulomb.linalg.multigrid.block_matrix import PADDING, padded
-from coulomb.linalg.multigrid.coarsening import WholeBlocks, whole
+from coulomb.linalg.multigrid.block_matrix import PADDING, padded, symmetric_blocks
+from coulomb.linalg.multigrid.coarsening import WholeRows, whole
 from coulomb.linalg.multigrid.recycled_cg import RecycledCG
 from coulomb.linalg.petsc_arrays import distributed_entries
 from coulomb.linalg.reductions import concatenated
@@ -31,10 +31,9 @@ from coulomb.linalg.reductions import concatenated
 COMM = MPI.COMM_WORLD
 
 
-def dense(matrix):
+def dense(matrix, size):
     """All rows, on every rank."""
-    own = whole(matrix).own
-    return scipy.sparse.csr_matrix((own.values, own.indices, own.indptr)).toarray()
+    return multigrid_cycle.entries_of(whole(matrix).own, size).toarray()
 
 
 def dense_interpolation(P, shape):
@@ -51,9 +50,9 @@ def dense_interpolation(P, shape):
 
 
 def next_grid(matrix, size, motions):
-    K = dense(matrix)
+    K = dense(matrix, size)
     largest = scipy.linalg.eigh(K, np.diag(np.diag(K)), eigvals_only=True)[-1]
-    first = matrix.starts[COMM.rank]
+    first = size * matrix.starts[COMM.rank]
     inverse = 1.0 / np.diag(K)[first : first + len(motions)]
     return K, coarsening.coarser(matrix, size, motions, inverse, largest)
 
@@ -66,12 +65,12 @@ def test_two_coarse_grids(monkeypatch, cell, team):
     monkeypatch.setattr(coarsening, "_ALONE", 0)
     mesh = box((3.0, 1.0, 1.0), (9, 3, 3), cell, comm=COMM)
     body = Elasticity(mesh, Material(1e9, 0.3), [Clamp("left"), SymmetryPlane("front")])
-    matrix, size = distributed_entries(body.K), 3
+    matrix, size = symmetric_blocks(distributed_entries(body.K), 3), 3
     motions = np.column_stack([v.array_r for v in body.K.getNearNullSpace().getVecs()])
     for _ in range(2):
         K, coarse = next_grid(matrix, size, motions)
         P = dense_interpolation(coarse.P, (size, 6))
-        product, expected = dense(coarse.matrix), P.T @ K @ P
+        product, expected = dense(coarse.matrix, 6), P.T @ K @ P
         none = np.diag(expected) == 0.0
         assert np.all(np.diag(product)[none] > 0.0)
         product[none, none] = 0.0
@@ -96,7 +95,7 @@ def test_rows_that_are_coupled_with_another_rank_only_are_not_held():
         K[3 * a : 3 * a + 3, 3 * a + 3 : 3 * a + 6] = K[3 * a + 3 : 3 * a + 6, 3 * a : 3 * a + 3] = np.ones((3, 3))
     mine = scipy.sparse.csr_matrix(K[6 * COMM.rank : 6 * COMM.rank + 6])
     matrix = PETSc.Mat().createAIJ(((6, None), (6, None)), csr=(mine.indptr, mine.indices, mine.data), comm=COMM)
-    blocks = WholeBlocks(distributed_entries(matrix), 3)
+    blocks = WholeRows(symmetric_blocks(distributed_entries(matrix), 3), 3)
     loose = concatenated(COMM, coarsening._aggregates(blocks, 1)[2])
     np.testing.assert_array_equal(loose, np.count_nonzero(K, axis=1) > 1)
 
@@ -115,13 +114,13 @@ def test_ranks_without_nodes_or_without_aggregates(last):
         first, end = 12 * (COMM.rank > 0), 12 + 3 * (last <= COMM.rank)
     mine, sizes = scipy.sparse.csr_matrix(K[first:end]), (end - first, None)
     matrix = PETSc.Mat().createAIJ((sizes, sizes), csr=(mine.indptr, mine.indices, mine.data), comm=COMM)
-    rng, entries = np.random.default_rng(5), distributed_entries(matrix)
+    rng, blocks = np.random.default_rng(5), symmetric_blocks(distributed_entries(matrix), 3)
     motions, forces = rng.standard_normal((15, 6))[first:end], rng.standard_normal((2, 15))
-    coarse = next_grid(entries, 3, motions)[1]
+    coarse = next_grid(blocks, 3, motions)[1]
     P = dense_interpolation(coarse.P, (3, 6))
     assert P.shape == (15, 6) and np.any(P[9:12]) and not np.any(P[12:])
-    np.testing.assert_allclose(dense(coarse.matrix), P.T @ K @ P, atol=1e-12)
-    cycle = multigrid_cycle._cycle(entries, 3, motions, finest=True)
+    np.testing.assert_allclose(dense(coarse.matrix, 6), P.T @ K @ P, atol=1e-12)
+    cycle = multigrid_cycle._cycle(blocks, 3, motions)
     cg, u = RecycledCG(COMM, cycle.size, cycle.mult, cycle, rough=cycle), padded(end - first)
     for f in forces:
         cg.solve(f[first:end], u, 1e-9)

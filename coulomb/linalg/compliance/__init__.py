@@ -2,6 +2,7 @@
 low-rank corrections of systems with it.
 """
 
+from ..multigrid import stiffness_in_blocks
 from .compliance import BodyCompliance, Compliance, Formed, MatrixFreeCompliance, estimated_diagonal
 from .coupled import CoupledKrylov, Elimination
 from .krylov import CarryingKrylov, ConstraintPreconditioner, Constraints, NodalMap

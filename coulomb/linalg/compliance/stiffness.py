@@ -12,11 +12,10 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ..factors import NotPositiveDefinite
-from ..multigrid import RecycledCG, multigrid, padded
+from ..multigrid import RecycledCG, Stiffness, multigrid, padded, stiffness_in_blocks
 from ..petsc_arrays import CHOLESKY, configured_ksp
 from ..reductions import summed
 from ..solve_errors import CGNotConverged, TooSlow
-from ..uncoupled import parts_of
 
 # Rigid motions of bodies that soft springs hold, apart from what is elastic in K^-1.
 #
@@ -151,7 +150,7 @@ class IterativeSolver:
     (hexahedra: 20 for 26).
 
     Args:
-        K: Symmetric positive definite, assembled, block size 3, with a near-nullspace.
+        K: Symmetric positive definite, assembled, block size 3, with a near-nullspace; or what multigrid needs of it.
         tolerance: |K u - rhs| / |rhs|, well below the tolerances of the CG that uses A = B K^-1 B^T.
 
     Attributes:
@@ -166,20 +165,16 @@ class IterativeSolver:
     name = "iterative (CG, multigrid)"
     exact = False
 
-    def __init__(self, K: PETSc.Mat, tolerance: float = 1e-11):
+    def __init__(self, K: PETSc.Mat | Stiffness, tolerance: float = 1e-11):
         self.tolerance, self.iterations = tolerance, 0
         self._before, self._allowed = 0, math.inf
         self._soft: SoftMotions | None = None
-        interpolation = K.getAttr("interpolation")
-        P = None if interpolation is None else interpolation()
+        given = K if isinstance(K, Stiffness) else stiffness_in_blocks(K)
         try:
-            self._cycle = cycle = multigrid(K, P)
+            self._cycle = cycle = multigrid(given)
         except CGNotConverged as failure:
             raise NotPositiveDefinite(str(failure)) from None
-        finally:
-            if P is not None:
-                P.destroy()
-        self._u, self.parts, comm = padded(cycle.size), parts_of(K), K.comm.tompi4py()
+        self._u, self.parts, comm = padded(cycle.size), given.parts, given.blocks.comm
         self._cg = RecycledCG(comm, cycle.size, cycle.mult, self._precondition, _DIRECTIONS, _ITERATIONS, cycle)
 
     def _precondition(self, r: FloatArray) -> FloatArray:

@@ -144,6 +144,35 @@ class Blocks(NamedTuple):
     values: npt.NDArray[np.float32]
     low: npt.NDArray[np.float32] | None
 
+    def chosen(self, chosen: npt.NDArray[np.bool_]) -> Blocks:
+        """Some of the blocks."""
+
+        def part(array: _Array) -> _Array:
+            return with_padding(_by_blocks(array, len(chosen))[chosen])
+
+        pointers = np.concatenate([[0], np.cumsum(chosen)])[self.pointers].astype(np.int32)
+        low = None if self.low is None else part(self.low)
+        return Blocks(pointers, self.columns[chosen], part(self.values), low)
+
+
+def with_padding(blocks: _Array) -> _Array:
+    """Blocks one after the other in an array with room behind its end, which is part of it."""
+    return np.append(blocks.ravel(), np.zeros(PADDING, np.float32))
+
+
+def _by_blocks(array: _Array, count: int) -> _Array:
+    return array[:-PADDING].reshape(count, -1 if count else 0)
+
+
+def split(pointers: _Array, columns: _Array, blocks: FloatArray) -> Blocks:
+    """From blocks in double precision, with what single precision rounds off."""
+    low = np.empty(blocks.size + PADDING, np.float32)
+    high = np.zeros_like(low)
+    high[:-PADDING] = blocks.ravel()
+    np.subtract(blocks.ravel(), high[:-PADDING], out=low[:-PADDING], casting="same_kind")
+    low[-PADDING:] = 0.0
+    return Blocks(pointers, columns, high, low)
+
 
 def in_kernel_blocks(entries: Entries, shape: tuple[int, int], accurate: bool = False, upper: bool = False) -> Blocks:
     """Entries in blocks; of an upper triangle the block on the diagonal is first in its row, and always there."""
@@ -187,14 +216,25 @@ def distributed_blocks(
     return DistributedBlocks(entries.comm, own, others, needed, entries.starts // shape[1])
 
 
+def symmetric_blocks(entries: DistributedEntries, size: int) -> DistributedBlocks:
+    """Of a symmetric matrix, in blocks of so many rows: of this rank's columns the upper triangle, the block on the
+    diagonal first in its row; with what single precision rounds off."""
+    return distributed_blocks(entries, (size, size), accurate=True, upper=True)
+
+
 def joined_rows(*parts: Blocks) -> Blocks:
-    """Matrices of as many rows as one, without what single precision rounds off; columns do not ascend."""
+    """Matrices of as many rows as one; the columns of one after those of the other."""
     row = np.concatenate([np.repeat(np.arange(len(part.pointers) - 1), np.diff(part.pointers)) for part in parts])
     order = np.argsort(row, kind="stable")
-    blocks = np.concatenate([part.values[:-PADDING] for part in parts]).reshape(len(row), -1 if len(row) else 0)
-    values = np.concatenate([blocks[order].ravel(), np.zeros(PADDING, np.float32)])
+
+    def joined(arrays: Sequence[_Array]) -> _Array:
+        blocks = [_by_blocks(array, len(part.columns)) for array, part in zip(arrays, parts, strict=True)]
+        return with_padding(np.concatenate([one for one in blocks if len(one)] or blocks[:1])[order])
+
+    low = [part.low for part in parts if part.low is not None]
     pointers = sum((part.pointers for part in parts), np.zeros_like(parts[0].pointers))
-    return Blocks(pointers, np.concatenate([part.columns for part in parts])[order], values, None)
+    columns = np.concatenate([part.columns for part in parts])[order]
+    return Blocks(pointers, columns, joined([part.values for part in parts]), joined(low) if low else None)
 
 
 def on_every_rank(P: DistributedBlocks) -> DistributedBlocks:
@@ -262,19 +302,15 @@ def _shares(blocks: Blocks, team: int) -> tuple[npt.NDArray[np.int32] | None, in
 
 
 class SymmetricBlocks:
-    """A symmetric matrix by its upper triangle in blocks of 3 or 6 rows, each on one rank.
+    """A symmetric matrix in `symmetric_blocks` of 3 or 6 rows."""
 
-    `accurate` is whether `mult` is as accurate as in double precision, for which it keeps twice as many numbers.
-    """
-
-    def __init__(self, matrix: DistributedEntries, size: int, accurate: bool = False):
-        blocks = distributed_blocks(matrix, (size, size), accurate, upper=True)
-        self._blocks = blocks.own
+    def __init__(self, matrix: DistributedBlocks, size: int):
+        self._blocks = matrix.own
         n = len(self._blocks.pointers) - 1
         self.size, self._width = size * n, size
         self.threads = _team(self._blocks)
         shares, beyond = _shares(self._blocks, self.threads)
-        self._matrix = _InKernels(blocks, (size, size), shares, n + beyond, self.threads)
+        self._matrix = _InKernels(matrix, (size, size), shares, n + beyond, self.threads)
         self._product, self._residual, self._smooth = (
             kernels()[f"{name}_{size}_{size}"] for name in ("product", "residual", "smooth")
         )
@@ -287,7 +323,7 @@ class SymmetricBlocks:
         return blocks[self._blocks.pointers[:-1, None], at, at].astype(np.float64).ravel()
 
     def mult(self, x: FloatArray, y: FloatArray, accurate: bool = True) -> None:
-        """y <- K x, in double precision if `accurate`, here and in the matrix; x padded; collective."""
+        """y <- K x, as accurate as in double precision if `accurate`; x padded; collective."""
         _checked(self._product(self._matrix.reference, int(accurate), x, y))
 
     def residual(self, b: FloatArray, x: FloatArray, r: FloatArray) -> None:

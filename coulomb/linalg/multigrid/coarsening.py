@@ -13,102 +13,60 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray
 from ...exchange import Exchange, owner_of
 from ...native import kernels, threads
-from ..petsc_arrays import DistributedEntries, Entries
 from ..reductions import concatenated
-from .block_matrix import PADDING, Blocks, DistributedBlocks, joined_rows
+from .block_matrix import PADDING, Blocks, DistributedBlocks, joined_rows, split, with_padding
 
 _Array = npt.NDArray[Any]
 
 
-class BlockRows(NamedTuple):
-    """Rows of blocks, columns ascending in each row; values by rows of entries."""
-
-    pointers: npt.NDArray[np.int32]
-    columns: npt.NDArray[np.int32]
-    values: _Array
-
-
-class WholeBlocks:
-    """Rows of this rank of a square matrix in blocks; its values are used where they are, if blocks are stored wholly.
+class WholeRows:
+    """All blocks of this rank's rows of a symmetric matrix in `symmetric_blocks`, where these have them.
 
     Attributes:
+        parts: For kernels: pointers and columns of the blocks in this rank's columns, where they are, and their values;
+            the same of those in columns of other ranks, as places in `ghosts`, each None on one rank.
         starts: Number of the first block of each rank, and of all blocks, shape (ranks + 1,).
-        own: Blocks in this rank's columns.
-        others: Blocks in columns of other ranks, as places in `ghosts`; None on one rank.
         ghosts: Numbers of blocks of other ranks, ascending.
     """
 
-    def __init__(self, matrix: DistributedEntries, size: int):
-        self.comm, self.size, self.starts = matrix.comm, size, matrix.starts // size
-        self.ghosts, place = np.unique(matrix.columns // size, return_inverse=True)
-        self.own = _block_rows(matrix.own, size, len(matrix.own.indptr) - 1)
-        self.others: BlockRows | None = None
-        if matrix.others is not None:
-            at = size * place.reshape(-1) + matrix.columns % size
-            indptr, indices, values = matrix.others
-            numbers = at[indices] if len(indices) else indices
-            self.others = _block_rows(Entries(indptr, numbers, values), size, size * len(self.ghosts))
-
-    @property
-    def count(self) -> int:
-        return len(self.own.pointers) - 1
-
-    @property
-    def parts(self) -> tuple[_Array | None, ...]:
-        """For kernels: pointers, columns and values of both parts."""
-        return (*self.own, *(self.others or (None, None, None)))
+    def __init__(self, matrix: DistributedBlocks, size: int):
+        self.comm, self.size, self.starts, self.ghosts = matrix.comm, size, matrix.starts, matrix.columns
+        upper, others = matrix.own, matrix.others
+        self.count, self.is_distributed = len(upper.pointers) - 1, others is not None
+        pointers = np.empty(self.count + 1, np.int32)
+        columns, at = np.empty((2, 2 * len(upper.columns) - self.count), np.int32)
+        kernels().whole_rows(self.count, upper.pointers, upper.columns, pointers, columns, at)
+        self.own = pointers, columns, at, upper.values, upper.low
+        self.parts: tuple[_Array | None, ...] = (*self.own, *(others or 4 * (None,)))
 
     @property
     def pattern(self) -> tuple[_Array | None, ...]:
         """For kernels: pointers and columns of both parts."""
-        return (*self.parts[:2], *self.parts[3:5])
+        return (*self.parts[:2], *self.parts[5:7])
 
 
-def _block_rows(entries: Entries, size: int, columns: int) -> BlockRows:
-    rows = (len(entries.indptr) - 1) // size
-    indptr, indices = (array.astype(np.int32, copy=False) for array in entries[:2])
-    pointers, block_columns = np.empty(rows + 1, np.int32), np.empty(len(indices) // size, np.int32)
-    if kernels().block_pattern(rows, size, indptr, indices, pointers, block_columns):
-        return BlockRows(pointers, block_columns[: pointers[-1]], entries.values)
-    blocks = scipy.sparse.csr_matrix((entries.values, indices, indptr), shape=(size * rows, columns)).tobsr(
-        (size, size)
-    )
-    blocks.sort_indices()
-    pointers, block_columns = (array.astype(np.int32, copy=False) for array in (blocks.indptr, blocks.indices))
-    return BlockRows(pointers, block_columns, entries_of(pointers, block_columns, blocks.data, 1).values)
-
-
-def entries_of(pointers: _Array, columns: _Array, blocks: FloatArray, threads: int) -> Entries:
-    """The entries of blocks (k, b, b) by rows."""
-    rows, size = len(pointers) - 1, blocks.shape[1]
-    indptr = np.empty(size * rows + 1, np.int32)
-    indices, values = np.empty(blocks.size, np.int32), np.empty(blocks.size)
-    blocks = np.ascontiguousarray(blocks, dtype=np.float64)
-    kernels().entries_of_blocks(rows, size, threads, pointers, columns, blocks, indptr, indices, values)
-    return Entries(indptr, indices, values)
-
-
-def whole(matrix: DistributedEntries) -> DistributedEntries:
-    """A distributed square matrix as one that each rank has for itself; collective."""
+def whole(matrix: DistributedBlocks) -> DistributedBlocks:
+    """A distributed symmetric matrix as one that each rank has for itself; collective."""
     if matrix.others is None:
         return matrix
-    shape = len(matrix.own.indptr) - 1, int(matrix.starts[-1])
-    own, others = matrix.own, matrix.others
-    numbers = matrix.columns[others.indices] if len(others.indices) else others.indices
-    mine = scipy.sparse.csr_matrix((own.values, own.indices + matrix.starts[matrix.comm.rank], own.indptr), shape=shape)
-    mine = mine + scipy.sparse.csr_matrix((others.values, numbers, others.indptr), shape=shape)
-    mine.sort_indices()
-    lengths = concatenated(matrix.comm, np.diff(mine.indptr).astype(np.int32))
-    indptr = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
-    indices = concatenated(matrix.comm, mine.indices.astype(np.int32))
-    everything = Entries(indptr, indices, concatenated(matrix.comm, mine.data))
-    return DistributedEntries(MPI.COMM_SELF, everything, None, np.empty(0, np.int32), np.array([0, shape[1]]))
+    own, others, first = matrix.own, matrix.others, int(matrix.starts[matrix.comm.rank])
+    row = np.repeat(np.arange(len(others.pointers) - 1), np.diff(others.pointers))
+    numbers = matrix.columns[others.columns] if len(row) else row
+    others = others._replace(columns=numbers.astype(np.int32)).chosen(numbers > first + row)
+    mine = joined_rows(own._replace(columns=own.columns + np.int32(first)), others)  # which come after those of its own
+    assert mine.low is not None
+    both = mine.values[:-PADDING], mine.low[:-PADDING]
+    lengths, columns, *values = (
+        concatenated(matrix.comm, array) for array in (np.diff(mine.pointers), mine.columns, *both)
+    )
+    pointers = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
+    everything = Blocks(pointers, columns, *map(with_padding, values))
+    return DistributedBlocks(MPI.COMM_SELF, everything, None, matrix.columns[:0], np.array([0, matrix.starts[-1]]))
 
 
 class RowExchange:
@@ -138,19 +96,19 @@ class Coarser(NamedTuple):
     """P, P^T K P, and the six motions of its unknowns that P makes those of the finer grid, shape (unknowns, 6)."""
 
     P: DistributedBlocks
-    matrix: DistributedEntries
+    matrix: DistributedBlocks
     motions: FloatArray
 
 
 def coarser(
-    matrix: DistributedEntries, size: int, motions: FloatArray, inverse: FloatArray, largest: float
+    matrix: DistributedBlocks, size: int, motions: FloatArray, inverse: FloatArray, largest: float
 ) -> Coarser | None:
     """The next grid; None if no two nodes belong together; collective.
 
-    K is symmetric, in blocks of 3 or 6 rows; the six motions (rows of this rank, 6) it maps to almost zero; `inverse`
+    K is in `symmetric_blocks` of 3 or 6 rows; the six motions (rows of this rank, 6) it maps to almost zero; `inverse`
     is that of its diagonal D, `largest` the eigenvalue of D^-1 K.
     """
-    K = WholeBlocks(matrix, size)
+    K = WholeRows(matrix, size)
     team = threads() if K.count >= _ALONE else 1
     aggregates, count, loose = _aggregates(K, team)
     starts = np.concatenate([[0], np.cumsum(concatenated(K.comm, np.array([count])))])
@@ -160,20 +118,22 @@ def coarser(
     P = _smoothed(K, aggregates, starts, P0, _DAMPING / largest * inverse, team)
     del P0
     coarse = galerkin(K, P, _MOTIONS)
-    return Coarser(P, with_diagonal(coarse), R.reshape(-1, _MOTIONS))
+    return Coarser(P, with_diagonal(coarse, _MOTIONS), R.reshape(-1, _MOTIONS))
 
 
-def _aggregates(K: WholeBlocks, team: int) -> tuple[npt.NDArray[np.int32], int, _Array]:
+def _aggregates(K: WholeRows, team: int) -> tuple[npt.NDArray[np.int32], int, _Array]:
     """The aggregate of each node or -1, how many there are, and which rows have entries beside the diagonal."""
     n, size = K.count, K.size
     norms, loose = np.zeros(n), np.zeros(size * n, np.uint8)
     examine = kernels()[f"examine_{size}_6"]
     examine(n, team, *K.own, norms, loose)
-    if K.others is not None:
-        examine(n, team, *K.others, None, loose)
-    strong, aggregates = np.empty(len(K.own.columns), np.uint8), np.empty(n, np.int32)
+    if K.is_distributed:
+        pointers, columns, values, low = K.parts[5:]
+        examine(n, team, pointers, columns, None, values, low, None, loose)
+    pointers, columns = K.own[:2]
+    strong, aggregates = np.empty(len(columns), np.uint8), np.empty(n, np.int32)
     kernels()[f"strength_{size}_6"](n, team, *K.own, norms, _STRONG, strong)
-    count = kernels().aggregate(n, K.own.pointers, K.own.columns, strong, aggregates)
+    count = kernels().aggregate(n, pointers, columns, strong, aggregates)
     return aggregates, count, loose
 
 
@@ -192,12 +152,12 @@ def _orthonormal(
 
 
 def _smoothed(
-    K: WholeBlocks, aggregates: npt.NDArray[np.int32], starts: _Array, P0: FloatArray, S: FloatArray, team: int
+    K: WholeRows, aggregates: npt.NDArray[np.int32], starts: _Array, P0: FloatArray, S: FloatArray, team: int
 ) -> DistributedBlocks:
     """(1 - S K) P0; collective."""
     n, size, own = K.count, K.size, int(np.diff(starts)[K.comm.rank])
     needed: _Array = np.empty(0, np.int64)
-    if K.others is not None:
+    if K.is_distributed:
         numbers = np.where(aggregates >= 0, aggregates + starts[K.comm.rank], -1)
         exchange = RowExchange(K.comm, K.starts, K.ghosts)
         nodal = np.column_stack([numbers, P0.reshape(n, size * _MOTIONS)])[exchange.asked]
@@ -214,24 +174,16 @@ def _smoothed(
     columns = np.empty(pointers[-1], np.int32)
     values = np.zeros(len(columns) * size * _MOTIONS + PADDING, np.float32)
     kernels()[f"smoothed_{size}_6"](n, team, *K.parts, aggregates, count, P0, S, pointers, columns, values)
-    whole = Blocks(pointers, columns, values, None)
-    if K.others is None:
-        return DistributedBlocks(K.comm, whole, None, needed, starts)
-    mine = columns < own
-    others = _chosen(whole, ~mine, size * _MOTIONS)
+    both = Blocks(pointers, columns, values, None)
+    if not K.is_distributed:
+        return DistributedBlocks(K.comm, both, None, needed, starts)
+    others = both.chosen(columns >= own)
     others = others._replace(columns=others.columns - np.int32(own))
-    return DistributedBlocks(K.comm, _chosen(whole, mine, size * _MOTIONS), others, needed, starts)
+    return DistributedBlocks(K.comm, both.chosen(columns < own), others, needed, starts)
 
 
-def _chosen(blocks: Blocks, chosen: npt.NDArray[np.bool_], numbers: int) -> Blocks:
-    pointers = np.concatenate([[0], np.cumsum(chosen)])[blocks.pointers].astype(np.int32)
-    values = np.zeros(int(pointers[-1]) * numbers + PADDING, np.float32)
-    values[:-PADDING] = blocks.values[:-PADDING].reshape(-1, numbers)[chosen].ravel()
-    return Blocks(pointers, blocks.columns[chosen], values, None)
-
-
-def galerkin(K: WholeBlocks, P: DistributedBlocks, width: int) -> DistributedEntries:
-    """P^T K P, of P with blocks of so many columns; collective.
+def galerkin(K: WholeRows, P: DistributedBlocks, width: int) -> DistributedBlocks:
+    """P^T K P in `symmetric_blocks`, of P with blocks of so many columns; collective.
 
     On several ranks the rows of P of other ranks' nodes are fetched, and what this rank's rows of K add to coarse rows
     of other ranks is sent to these.
@@ -246,7 +198,7 @@ def galerkin(K: WholeBlocks, P: DistributedBlocks, width: int) -> DistributedEnt
     kernels().by_columns(n, coarse, *rows[:2], begin, of, places)
     pointers = np.zeros(coarse + 1, np.int32)
     pattern = (begin, of, *K.pattern, *rows[:2])
-    sizes = n, nodes, coarse, len(numbers), team
+    sizes = n, nodes, own, coarse, len(numbers), team
     kernels().product_pattern(*sizes, *pattern, pointers[1:], None)
     np.cumsum(pointers, out=pointers)
     columns = np.empty(pointers[-1], np.int32)
@@ -255,12 +207,11 @@ def galerkin(K: WholeBlocks, P: DistributedBlocks, width: int) -> DistributedEnt
     kernel = kernels()[f"galerkin_{K.size}_{width}"]
     kernel(*sizes, most, begin, of, places, *K.parts, *rows[:3], pointers, columns, blocks)
     if P.others is None:
-        entries = entries_of(pointers, columns, blocks, team)
-        return DistributedEntries(K.comm, entries, None, np.empty(0, np.int32), width * P.starts)
+        return DistributedBlocks(K.comm, split(pointers, columns, blocks), None, P.columns[:0], P.starts)
     return _gathered(P, pointers, numbers[columns], blocks)
 
 
-def _with_ghosts(K: WholeBlocks, P: DistributedBlocks, own: int, width: int) -> tuple[Blocks, _Array]:
+def _with_ghosts(K: WholeRows, P: DistributedBlocks, own: int, width: int) -> tuple[Blocks, _Array]:
     """The rows of P of this rank's nodes and of those to which K couples them, and the numbers of its columns: those of
     this rank, those that its own rows need, and others; collective."""
     assert P.others is not None
@@ -290,9 +241,9 @@ def _rows_of(lengths: _Array, chosen: _Array) -> _Array:
     return places
 
 
-def _gathered(P: DistributedBlocks, pointers: _Array, columns: _Array, blocks: FloatArray) -> DistributedEntries:
+def _gathered(P: DistributedBlocks, pointers: _Array, columns: _Array, blocks: FloatArray) -> DistributedBlocks:
     """The sums of what all ranks have for a row; collective."""
-    comm, width = P.comm, blocks.shape[1]
+    comm = P.comm
     first, end = P.starts[comm.rank : comm.rank + 2]
     own = end - first
     row = np.repeat(np.concatenate([np.arange(first, end), P.columns]), np.diff(pointers))
@@ -301,6 +252,8 @@ def _gathered(P: DistributedBlocks, pointers: _Array, columns: _Array, blocks: F
     to = Exchange(comm, owner_of(P.starts, row[mine:]))  # the ranks that have the rows
     given = [to.send(array[mine:]) for array in arrays]
     rows, numbers, values = (np.concatenate([array[:mine], more]) for array, more in zip(arrays, given, strict=True))
+    upper = (numbers < first) | (numbers >= rows)  # of this rank's columns
+    rows, numbers, values = rows[upper], numbers[upper], values[upper]
     order = np.lexsort((numbers, rows))
     rows, numbers = rows[order] - first, numbers[order]
     new = np.append(True, (np.diff(rows) != 0) | (np.diff(numbers) != 0))[: len(rows)]
@@ -311,30 +264,22 @@ def _gathered(P: DistributedBlocks, pointers: _Array, columns: _Array, blocks: F
     inside = (numbers >= first) & (numbers < end)
     needed, place = np.unique(numbers[~inside], return_inverse=True)
 
-    def part(chosen: _Array, places: _Array) -> Entries:
+    def part(chosen: _Array, places: _Array) -> Blocks:
         lengths = np.bincount(rows[chosen], minlength=own)
         begin = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
-        return entries_of(begin, places.astype(np.int32), values[chosen], 1)
+        return split(begin, places.astype(np.int32), values[chosen])
 
     others = part(~inside, place.reshape(-1))
-    single = (width * needed[:, None] + np.arange(width)).ravel()
-    return DistributedEntries(comm, part(inside, numbers[inside] - first), others, single, width * P.starts)
+    return DistributedBlocks(comm, part(inside, numbers[inside] - first), others, needed, P.starts)
 
 
-def with_diagonal(matrix: DistributedEntries) -> DistributedEntries:
-    """With mean numbers where the diagonal is 0, in rows of motions that an aggregate does not have, or missing, in
-    rows of vertices whose cells have all their nodes of second order on supports."""
-    indptr, indices, values = matrix.own
-    empty = np.flatnonzero(np.diff(indptr) == 0).astype(np.int32)
-    if len(empty):
-        places = indptr[empty]
-        indices, values = np.insert(indices, places, empty), np.insert(values, places, 0.0)
-        indptr = indptr + np.searchsorted(empty, np.arange(len(indptr))).astype(np.int32)
-        matrix = matrix._replace(own=matrix.own._replace(indptr=indptr, indices=indices, values=values))
-    row = np.repeat(np.arange(len(indptr) - 1, dtype=np.int32), np.diff(indptr))
-    places = np.flatnonzero(indices == row)
-    none = values[places] == 0.0
+def with_diagonal(matrix: DistributedBlocks, size: int) -> DistributedBlocks:
+    """With mean numbers where the diagonal is 0: in rows of motions that an aggregate does not have, and of vertices
+    whose cells have all their nodes of second order on supports."""
+    at, blocks = np.arange(size), matrix.own.values[:-PADDING].reshape(-1, size, size)
+    diagonal = blocks[matrix.own.pointers[:-1, None], at, at]
+    none = diagonal == 0.0
     if np.any(none):
-        mean = values[places][~none].mean() if not np.all(none) else 1.0
-        values[places[none]] = mean
+        diagonal[none] = diagonal[~none].mean() if not np.all(none) else 1.0
+        blocks[matrix.own.pointers[:-1, None], at, at] = diagonal
     return matrix

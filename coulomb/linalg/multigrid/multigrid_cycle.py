@@ -14,7 +14,7 @@ and each computes the rest of the cycle, from which it interpolates without mess
 from __future__ import annotations
 
 import math
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 import scipy.linalg
@@ -24,18 +24,22 @@ from petsc4py import PETSc
 from scipy.linalg.blas import dtrsv
 
 from ...arrays import FloatArray
-from ..petsc_arrays import DistributedEntries, Entries, configured_ksp, distributed_entries
+from ..petsc_arrays import configured_ksp, distributed_entries
 from ..reductions import Reductions, concatenated
 from ..solve_errors import CGNotConverged
+from ..uncoupled import Parts, parts_of
 from .block_matrix import (
+    PADDING,
     BlockInterpolation,
+    Blocks,
     DistributedBlocks,
     SymmetricBlocks,
     distributed_blocks,
     on_every_rank,
     padded,
+    symmetric_blocks,
 )
-from .coarsening import WholeBlocks, coarser, galerkin, whole, with_diagonal
+from .coarsening import WholeRows, coarser, galerkin, whole, with_diagonal
 
 REPLICATED_UP_TO: Final = 1500
 """Unknowns of all ranks up to which each rank has a grid as a whole."""
@@ -61,11 +65,10 @@ class CoarseSolver(Protocol):
 class DenseSolver(CoarseSolver):
     """On a small coarsest grid, on one rank; LinAlgError if K is not positive definite, to rounding."""
 
-    def __init__(self, K: Entries):
-        n = len(K.indptr) - 1
-        dense = scipy.sparse.csr_matrix((K.values, K.indices, K.indptr), shape=(n, n)).toarray(order="F")
+    def __init__(self, K: scipy.sparse.csr_matrix):
+        dense = K.toarray(order="F")
         self._factor = scipy.linalg.cholesky(dense, lower=True, overwrite_a=True, check_finite=False)
-        self._solution = padded(n)
+        self._solution = padded(len(dense))
 
     def __call__(self, r: FloatArray) -> FloatArray:
         # of one right-hand side LAPACK's dpotrs takes 2.7 times as long as these
@@ -77,10 +80,9 @@ class DenseSolver(CoarseSolver):
 class SparseSolver:
     """On a coarsest grid of any size, on one rank."""
 
-    def __init__(self, K: Entries):
-        n = len(K.indptr) - 1
-        csr = tuple(array.astype(PETSc.IntType) for array in K[:2])
-        matrix = PETSc.Mat().createAIJ((n, n), csr=(*csr, K.values), comm=PETSc.COMM_SELF)
+    def __init__(self, K: scipy.sparse.csr_matrix):
+        csr = (array.astype(PETSc.IntType) for array in (K.indptr, K.indices))
+        matrix = PETSc.Mat().createAIJ(K.shape, csr=(*csr, K.data), comm=PETSc.COMM_SELF)
         self._ksp = configured_ksp(matrix, "preonly", _FACTORISED)
         matrix.destroy()
         self._b, self._x = self._ksp.getOperators()[1].createVecs()
@@ -97,9 +99,18 @@ class SparseSolver:
             thing.destroy()
 
 
-def exact_solver(K: Entries) -> CoarseSolver:
+def entries_of(upper: Blocks, size: int) -> scipy.sparse.csr_matrix:
+    """All entries of a symmetric matrix on one rank."""
+    assert upper.low is not None
+    blocks = np.add(upper.values, upper.low, dtype=np.float64)[:-PADDING].reshape(-1, size, size)
+    n = len(upper.pointers) - 1
+    half = scipy.sparse.triu(scipy.sparse.bsr_matrix((blocks, upper.columns, upper.pointers), (size * n, size * n)))
+    return (half + scipy.sparse.triu(half, 1).T).tocsr()
+
+
+def exact_solver(K: scipy.sparse.csr_matrix) -> CoarseSolver:
     """Of the coarsest grid."""
-    if len(K.indptr) <= DENSE_UP_TO:
+    if K.shape[0] < DENSE_UP_TO:
         try:
             return DenseSolver(K)
         except scipy.linalg.LinAlgError:  # rigid motions that nothing but rounding holds
@@ -141,8 +152,8 @@ class Level:
     """A grid in blocks of `size` rows with its smoother: Chebyshev's iteration with the diagonal.
 
     Args:
+        K: In `symmetric_blocks`.
         steps: Of the smoother before and after the coarser grids.
-        accurate: Whether products by K are as accurate as in double precision.
 
     Raises:
         CGNotConverged: On every rank, if a diagonal entry is not positive: K is indefinite.
@@ -154,8 +165,8 @@ class Level:
 
     interpolation: BlockInterpolation | None = None
 
-    def __init__(self, K: DistributedEntries, size: int, steps: int = 2, accurate: bool = False):
-        self.blocks = SymmetricBlocks(K, size, accurate)
+    def __init__(self, K: DistributedBlocks, size: int, steps: int = 2):
+        self.blocks = SymmetricBlocks(K, size)
         if not Reductions(K.comm).all(np.all(self.blocks.diagonal > 0.0)):
             raise CGNotConverged(0, 1.0, 0.0, indefinite=True)
         self.inverse: FloatArray = 1.0 / self.blocks.diagonal
@@ -256,7 +267,7 @@ class MultigridCycle:
         level.smooth()
 
     def mult(self, x: FloatArray, y: FloatArray) -> None:
-        """y <- K x, as accurate as in double precision if the level is accurate; x padded; collective."""
+        """y <- K x, as accurate as in double precision; x padded; collective."""
         self._level.blocks.mult(x, y)
 
     def mult_roughly(self, x: FloatArray, y: FloatArray) -> None:
@@ -283,19 +294,41 @@ ones messages take longer than products, and parts take as many iterations witho
 _STALLED: Final = 0.7  # unknowns over those of the finer grid from which on ranks have a grid as a whole
 
 
-def multigrid(K: PETSc.Mat, P: PETSc.Mat | None) -> MultigridCycle:
-    """Multigrid for K, three rows per node, with a near-nullspace of six rigid motions; collective.
+class Stiffness(NamedTuple):
+    """All that multigrid needs of a stiffness K, three rows per node.
 
-    In second order P is the interpolation of linear displacements, with the motions of these.
+    Attributes:
+        blocks: In `symmetric_blocks`.
+        motions: Six rigid motions that it maps to almost zero, shape (rows of this rank, 6).
+        parts: Those that it does not couple.
+        linear: In second order the interpolation of linear displacements, and the motions of these.
     """
-    matrix = distributed_entries(K)
-    if P is None:
-        cycle = _cycle(matrix, 3, _motions(K), finest=True)
-        return MultigridCycle(Level(matrix, 3, accurate=True)) if cycle is None else cycle
-    level = Level(matrix, 3, SECOND_ORDER_STEPS, accurate=True)
-    blocks = distributed_blocks(distributed_entries(P), (3, 3))
-    linear = with_diagonal(galerkin(WholeBlocks(matrix, 3), blocks, 3))
-    return _cycle_on(level, blocks, (3, 3), _solver(linear, 3, _motions(P)))
+
+    blocks: DistributedBlocks
+    motions: FloatArray
+    parts: Parts
+    linear: tuple[DistributedBlocks, FloatArray] | None
+
+
+def stiffness_in_blocks(K: PETSc.Mat) -> Stiffness:
+    """Of a matrix with the motions as its near-nullspace, and in second order with an attribute that makes the
+    interpolation, which has those of linear displacements; collective."""
+    interpolation, linear = K.getAttr("interpolation"), None
+    P = None if interpolation is None else interpolation()
+    if P is not None:
+        linear = distributed_blocks(distributed_entries(P), (3, 3)), _motions(P)
+        P.destroy()
+    return Stiffness(symmetric_blocks(distributed_entries(K), 3), _motions(K), parts_of(K), linear)
+
+
+def multigrid(K: Stiffness) -> MultigridCycle:
+    """Multigrid for K; collective."""
+    if K.linear is None:
+        cycle = _cycle(K.blocks, 3, K.motions)
+        return MultigridCycle(Level(K.blocks, 3)) if cycle is None else cycle
+    level, (P, motions) = Level(K.blocks, 3, SECOND_ORDER_STEPS), K.linear
+    linear = with_diagonal(galerkin(WholeRows(K.blocks, 3), P, 3), 3)
+    return _cycle_on(level, P, (3, 3), _solver(linear, 3, motions))
 
 
 def _motions(matrix: PETSc.Mat) -> FloatArray:
@@ -303,18 +336,16 @@ def _motions(matrix: PETSc.Mat) -> FloatArray:
     return np.column_stack([vector.array_r for vector in matrix.getNearNullSpace().getVecs()])
 
 
-def _cycle(
-    matrix: DistributedEntries, size: int, motions: FloatArray, finest: bool = False, first: bool = False
-) -> MultigridCycle | None:
+def _cycle(matrix: DistributedBlocks, size: int, motions: FloatArray, first: bool = False) -> MultigridCycle | None:
     """On a grid with its coarser ones; None if there are none; `first` if it is the first of aggregates."""
-    level = Level(matrix, size, accurate=finest or size == 6)
+    level, unknowns = Level(matrix, size), size * int(matrix.starts[-1])
     coarse = coarser(matrix, size, motions, level.inverse, level.largest)
     if coarse is None:
         level.blocks.destroy()
         return None
-    stalled = coarse.matrix.starts[-1] > _STALLED * matrix.starts[-1]
+    stalled = 6 * coarse.matrix.starts[-1] > _STALLED * unknowns
     solver = _solver(coarse.matrix, 6, coarse.motions, stalled, first=size == 3)
-    large = first or matrix.others is None or matrix.starts[-1] >= TWICE_FROM * matrix.comm.size
+    large = first or matrix.others is None or unknowns >= TWICE_FROM * matrix.comm.size
     return _cycle_on(level, coarse.P, (size, 6), solver, again=size == 6 and large)
 
 
@@ -328,15 +359,15 @@ def _cycle_on(
 
 
 def _solver(
-    matrix: DistributedEntries, size: int, motions: FloatArray, stalled: bool = False, first: bool = False
+    matrix: DistributedBlocks, size: int, motions: FloatArray, stalled: bool = False, first: bool = False
 ) -> CoarseSolver:
     """For a coarse grid; `stalled` if aggregates, each of one rank, are hardly fewer; `first` as of `_cycle`."""
-    unknowns = int(matrix.starts[-1])
+    unknowns = size * int(matrix.starts[-1])
     cycle = None
     if matrix.others is None:
         if unknowns > DENSE_UP_TO:
             cycle = _cycle(matrix, size, motions)
-        return exact_solver(matrix.own) if cycle is None else cycle
+        return exact_solver(entries_of(matrix.own, size)) if cycle is None else cycle
     if unknowns > REPLICATED_UP_TO and not stalled:
         cycle = _cycle(matrix, size, motions, first=first)
     if cycle is None:
