@@ -1,8 +1,8 @@
 """The shape of a punch that presses evenly: the profile for which the pressure under it is the same everywhere.
 
-A flat rigid punch on an elastic pad, bonded above, presses most in the middle.  Its profile, a gap of every contact
-point, is found by L-BFGS with the adjoint gradient of the answer: one linear system for all 81 gaps, with friction, and
-a certificate at every iterate.  What it finds is known: the shape that the pad takes under an even pressure.
+An elastic punch, bonded above, presses on a flat plate most in its middle.  Its profile is found by L-BFGS: the nodes
+of its mesh are moved, and the adjoint gradient along the places of all nodes (`places`) is one linear system, with
+friction, and a certificate at every iterate.  What it finds is known: the shape that an even pressure makes flat.
 
 python demos/even_pressure.py
 """
@@ -17,8 +17,9 @@ from scipy.optimize import minimize
 import coulomb
 
 SIDE, HEIGHT, CELLS, FRICTION = 0.1, 0.04, 8, 0.1
-PAD = coulomb.Material(young=1e7, poisson=0.4)
-DEPTH = 4e-4  # metres, by which the punch is pressed in
+RUBBER = coulomb.Material(young=1e7, poisson=0.4)
+DEPTH = 4e-4  # metres, by which the punch is pressed down
+PLATE = coulomb.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 mesh = coulomb.box((SIDE, SIDE, HEIGHT), (CELLS, CELLS, 4))
 
 
@@ -28,29 +29,38 @@ def number(x):
     return i * (CELLS + 1) + j
 
 
+def shaped(profile):
+    """The mesh with its bottom raised by the profile at the points of the grid, metres, and its top where it was."""
+    return coulomb.moved(mesh, lambda x: np.stack([0.0 * x[0], 0.0 * x[0], profile[number(x)] * (1.0 - x[2] / HEIGHT)]))
+
+
 def pressed(profile):
-    """The answer for a punch with gaps at the points of the grid, metres."""
+    """The answer for a punch of this profile."""
     return coulomb.ContactProblem(
-        mesh,
-        PAD,
+        shaped(profile),
+        RUBBER,
         [coulomb.PrescribedDisplacement("top", (0.0, 0.0, -DEPTH))],
-        coulomb.Contact("bottom", friction=FRICTION, gap=lambda x: profile[number(x)]),
+        coulomb.Contact("bottom", friction=FRICTION, foundation=PLATE),
     ).solve(tolerance=1e-10)
 
 
 def unevenness(profile):
-    """Variance of the pressure over the square of its mean, and its derivatives along all gaps, per metre."""
+    """Variance of the forces over the areas of the flat face, over the square of their mean, and its derivatives along
+    the profile, per metre."""
     answer = pressed(profile)
     assert answer.valid
     nodes, x = answer.at_nodes, answer.contact_force
-    share = nodes.area / nodes.area.sum()
-    mean = share @ nodes.pressure
-    relative = nodes.pressure / mean - 1.0
+    edges = (np.minimum(nodes.x[:, :2], SIDE - nodes.x[:, :2]) < 1e-9).sum(axis=1)
+    area = (SIDE / CELLS) ** 2 / 2.0**edges
+    pressure, share = nodes.force[:, 0] / area, area / SIDE**2
+    mean = share @ pressure
+    relative = pressure / mean - 1.0
     of_pressure = 2.0 * share * (relative - share @ (relative * (relative + 1.0))) / mean
     of_force = np.zeros_like(x)
-    of_force[0::3] = of_pressure / nodes.area
-    found = np.zeros_like(profile)
-    found[number(nodes.x.T)] = answer.gradient(of_force).gap
+    of_force[0::3] = of_pressure / area
+    places = answer.problem.elasticity.x
+    raised = 1.0 - places[:, 2] / HEIGHT  # of a node, by what the profile is raised below it, to first order
+    found = np.bincount(number(places.T), answer.gradient(of_force).places()[:, 2] * raised, len(profile))
     return share @ relative**2, found
 
 
@@ -59,7 +69,7 @@ def of_friction(x):
     return rubbed(x[:2].T).T
 
 
-size = 1e-5  # metres: of gaps, for the optimiser
+size = 1e-5  # metres: of the profile, for the optimiser
 flat = np.zeros((CELLS + 1) ** 2)
 steps = []
 result = minimize(
@@ -77,14 +87,14 @@ for name, answer in (("flat punch", before), ("its profile found", after)):
     print(f"{name}: pressure {pressure.min() / 1e3:.1f} to {pressure.max() / 1e3:.1f} kPa, valid: {answer.valid}")
 print(f"{len(steps)} steps of L-BFGS, {result.nfev} answers with their gradients")
 
-# The pad under the same even pressure without a punch, and under the friction of the last answer as a traction.
+# The flat punch under the same even pressure without a plate, and under the friction of the last answer as a traction.
 grid = np.linspace(0.0, SIDE, CELLS + 1)
 friction = np.zeros((len(flat), 3))
 friction[number(after.at_nodes.x.T)] = after.at_nodes.friction_traction
 rubbed = RegularGridInterpolator((grid, grid), friction.reshape(CELLS + 1, CELLS + 1, 3))
 free = coulomb.ContactProblem(
     mesh,
-    PAD,
+    RUBBER,
     [coulomb.Clamp("top")],
     coulomb.Contact("bottom", friction=0.0, gap=1.0),  # out of reach
     [coulomb.Pressure("bottom", after.forces["normal_force"] / SIDE**2), coulomb.Traction("bottom", of_friction)],

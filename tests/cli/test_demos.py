@@ -198,8 +198,24 @@ def test_demo_identify_friction():
     assert line(text, r"# load histories of 10 steps")[0] <= 15
 
 
+def test_demo_bolt_preload():
+    """At the least preload more force takes off the same slip at bolts above their least force, and less at others; it
+    is half of what the same force on every bolt would be."""
+    text = said("bolt_preload.py")
+    forces, rates = (
+        line(text, rf"{begin} #, #, #, # {end}")
+        for begin, end in (("least preloads", r"kN, slip [\d.]+ um"), ("less slip of that corner:", "nm per kN"))
+    )
+    above = forces > 5.001
+    assert np.ptp(rates[above]) < 0.1 * rates.max() and np.all(rates[~above] < 0.5 * rates[above].min())
+    assert line(text, r"least preloads .* kN, slip # um")[0] == pytest.approx(4.0, rel=1e-3)
+    together, even = line(text, r"in all # kN; four that are the same # kN")
+    assert together == pytest.approx(forces.sum(), abs=0.03) and even > 1.8 * together
+    assert line(text, r"# load histories")[0] <= 40
+
+
 def test_demo_even_pressure():
-    """The profile found by the adjoint is the shape of the pad under an even pressure, to 1 % of its depth."""
+    """The profile found by the adjoint is the shape of the punch under an even pressure, to 1 % of its depth."""
     text = said("even_pressure.py")
     low, high = line(text, r"flat punch: pressure # to # kPa, valid: True")
     assert high > 1.3 * low
