@@ -52,8 +52,8 @@ class Sensitivity:
             "greatest_pressure", "greatest_slip" and "dissipated_energy", newtons, newton metres, m^2, metres, pascals
             and joules.
         others: Likewise of "reactions" of supports, "ties", "rigid_faces", "bolts" and "loaded_foundations", and of
-            "probes", by their names, as the answer has them, of "bodies" the "strain_energy", and of "heat_flows" the
-            "power"; what is empty is left out.
+            "probes", by their names, as the answer has them, of "bodies" the "strain_energy", of "heat_flows" the
+            "power", and of "functionals" the "value"; what is empty is left out.
         step: Relative change of the input up to which no contact point opens, closes, sticks or slips anew, to first
             order: so far the answer is linear in it.  In a history, the least of its load steps.
         condition: Of the linear systems.  A warning says where it is 1e10 or more, and where their determinant shows
@@ -98,6 +98,7 @@ def sensitivities(
     earlier: Sequence[Sensitivity] = (),
     others: Mapping[str, Posed] | None = None,
     only: Callable[[str], bool] | None = None,
+    functionals: Mapping[str, tuple[FloatArray, FloatArray]] | None = None,
 ) -> list[Sensitivity]:
     """Of an answer to friction, cohesion, given gaps, loads, prescribed displacements and Young's moduli; collective.
 
@@ -109,6 +110,8 @@ def sensitivities(
         earlier: Those of the load step before: slip counts from its displacement.
         others: Other inputs by their names, as lengths.
         only: Which of the inputs are wanted beside these, by their names; all by default.
+        functionals: More outputs by their names, each by its derivatives along contact forces (3 m,) and displacements
+            (k, 3) where places stay.
 
     Raises:
         ValueError: As `refuse`; in a later load step without those of the step before; if the answer is (nearly) not
@@ -120,7 +123,7 @@ def sensitivities(
         if not earlier and Reductions(problem.comm).any(bool(np.any(before.displacement))):
             raise ValueError("the sensitivities of a load step follow from those of the step before: give these")
     inputs = inputs_of(problem, x, u, answer.given_gap)
-    here = _Answer(problem, x, u, answer)
+    here = _Answer(problem, x, u, answer, functionals or {})
     inputs |= {name: Input(heat=one) for name, one in (here.heat.inputs() if here.heat else {}).items()}
     inputs = {name: one for name, one in inputs.items() if only is None or only(name)}
     inputs |= {name: Input(changed=here.changed(pose)) for name, pose in (others or {}).items()}
@@ -185,7 +188,15 @@ class _Answer:
     """An answer, with the linear problem there: of large motions, and foundations under load, that of the last Newton
     step, to which `GeometricTerms` are added."""
 
-    def __init__(self, problem: DiscreteProblem, x: FloatArray, u: FloatArray, answer: NodalAnswer):
+    def __init__(
+        self,
+        problem: DiscreteProblem,
+        x: FloatArray,
+        u: FloatArray,
+        answer: NodalAnswer,
+        functionals: Mapping[str, tuple[FloatArray, FloatArray]],
+    ):
+        self._functionals = functionals
         self._posed_at, self._x, self._u, self._answer = problem, x, u, answer
         self._problem = problem = problem.with_factors(x)
         self._large, self._over = problem.body.undeformed is not None, Reductions(problem.comm)
@@ -213,6 +224,11 @@ class _Answer:
             others = other_totals(self._answer, derived, totals[0], left, self._u, self._sections, sign)
             flowing = {"heat_flows": {flow: {"power": power} for flow, power in heat.items()}} if heat else {}
             along_frames = derived.x if of.terms is None else derived.x + of.terms.components.ravel()
+            if self._functionals and one.changed is None:
+                flowing["functionals"] = {
+                    called: {"value": self._over.dot(of_x, along_frames) + self._over.dot(of_u, derived.u)}
+                    for called, (of_x, of_u) in self._functionals.items()
+                }
             here, there = (
                 Sensitivity(
                     name,

@@ -315,26 +315,27 @@ class Solution:
         earlier: Sequence[Sensitivity] = (),
         others: Mapping[str, Posed] | None = None,
         only: Callable[[str], bool] | None = None,
+        functionals: Mapping[str, Any] | None = None,
     ) -> list[Sensitivity]:
         """What the answer owes to each input: friction, gaps, loads, prescribed displacements, motions of and loads on
-        foundations, Young's moduli; exact derivatives, with how far they hold; in a load step with those of the
-        step before (`earlier`); collective.  At the sets of the answer P x' + Q w' = -(change of the equations), one
-        linear system for each (A. Beremlijski et al., Shape optimization in contact problems with Coulomb friction,
-        SIAM J. Optim. 13, 2002).
+        foundations, Young's moduli; exact derivatives, with how far they hold; collective.  At the sets of the answer
+        P x' + Q w' = -(change of the equations), one linear system for each (A. Beremlijski et al., Shape optimization
+        in contact problems with Coulomb friction, SIAM J. Optim. 13, 2002).
 
         Args:
-            earlier: As said.
+            earlier: In a load step, those of the step before.
             others: More inputs by their names, each a function that poses the problem with the input times a factor, as
                 of lengths, radii or directions, in small strains; without totals at probes, whose places stay.
             only: Which of the inputs above are wanted, by their names; all by default.
+            functionals: More outputs by their names, as the functional of `gradient`; not along `others`.
 
         Raises:
-            ValueError: With heat in large motions or on foundations under load, with friction that depends on the slip
-                rate in a load step, in a load step without those of the step before, or if the answer is nearly one of
-                several.
+            ValueError: With heat in large motions or on foundations under load; in a load step where friction depends
+                on the slip rate, or without those of the step before; or if the answer is nearly one of several.
         """
         there = self.problem, self.contact_force, self.displacement, self.at_nodes
-        return sensitivities(*there, earlier, others, only)
+        owed = {name: self._functions.owed_by(one, self.at_nodes) for name, one in (functionals or {}).items()}
+        return sensitivities(*there, earlier, others, only, owed)
 
     def gradient(
         self,

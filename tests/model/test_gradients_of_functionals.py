@@ -41,6 +41,10 @@ def test_of_displacement_pressure_and_traction():
     """Along each input the remainder is of second order, and central differences agree."""
     answer = pressed().solve(tolerance=1e-12)
     found = answer.gradient(functional=mixed(answer))
+    forward = {
+        one.name: one.others["functionals"]["mixed"]["value"]
+        for one in answer.sensitivities(functionals={"mixed": mixed(answer)})
+    }
     (load, _), body = [one.forces for one in answer.problem.elasticity.loads_in(answer.problem.loading)], found.young
     along = {
         "friction": 0.3 * found.friction.sum(),
@@ -48,6 +52,8 @@ def test_of_displacement_pressure_and_traction():
         "pushed": np.sum(found.load * load),
     }
     present = value(mixed(answer))
+    for name, called in zip(along, ("friction of 'bottom'", "young", "traction on 'top'"), strict=True):
+        assert forward[called] == pytest.approx(along[name], rel=1e-8), name
     for name, slope in along.items():
         start = 0.3 if name == "friction" else 1.0
 
