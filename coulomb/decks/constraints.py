@@ -174,8 +174,8 @@ class Constraints:
 
     def _rigid_body(self, card: Card) -> None:
         name = next(filter(None, map(card.get, ("NSET", "TIENSET", "PINNSET"))), "")  # solids have no rotations
-        if not name and not card.get("ELSET"):
-            raise card.fault("needs an NSET, or the ELSET of a body")
+        if not any(map(card.get, ("NSET", "TIENSET", "PINNSET", "ELSET", "ANALYTICALSURFACE"))):
+            raise card.fault("needs an NSET, the ELSET of a body, or an ANALYTICAL SURFACE")
         skin = skin_of(self._of.deck, card)
         if skin is not None:
             face = self._of.face(skin.name, card)

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from .cards import Card, key_of, number_of
-from .materials import modulus_of
+from .materials import moduli_of
 from .node_surfaces import facets_with_nodes
 from .reading import Reading
 from .steps import Step, reference
@@ -166,6 +166,8 @@ def _read_pairs(of: Reading) -> list[_Pair]:
         if "tied" in kinds and clearance is not None and clearance[1]:
             raise clearance[0].fault("a pair that is TIED has no clearance")
         faces: dict[str, Any] = {"face": of.face(slave, card, row), "against": of.face(master, card, row)}
+        if any(np.any(of.deck.are_rigid(of.deck.elements_of(what))) for what, _ in of.deck.surfaces[names[1]].lines):
+            faces["slave"] = True
         ties = [faces | {"slave": True} | one for one in _times_of_ties(of, course, card)]
         if ties and "adjust" not in _adjusted(of, card, None if clearance is None else clearance[1]):
             of.notes.append(f"line {card.line}: what is TIED keeps its gaps, which CalculiX pulls shut without ADJUST")
@@ -304,11 +306,11 @@ def _law(of: Reading, card: Card | None) -> str:
         stiffness = p0 * np.log(100.0) / c0
     elif kind == "TABULAR":
         stiffness = _least_slope(card)
-        if stiffness < _SOFT * min(_moduli(of), default=float("inf")) / _edge(of):
+        if stiffness < _SOFT * min(moduli_of(of.model), default=float("inf")) / _edge(of):
             raise card.fault(f"a table whose least slope is {stiffness:.3g} is a layer, which is not read")
     else:
         raise card.fault(f"PRESSURE-OVERCLOSURE={card.get('PRESSURE-OVERCLOSURE')} is a layer, which is not read")
-    bound = min(_moduli(of), default=float("inf")) / _edge(of)
+    bound = min(moduli_of(of.model), default=float("inf")) / _edge(of)
     if stiffness < _NONE * bound:
         return "none"
     if stiffness < _SOFT * bound:
@@ -329,17 +331,11 @@ def _least_slope(card: Card) -> float:
     return float(np.min(np.diff(pressure) / np.diff(overclosure)))
 
 
-def _moduli(of: Reading) -> list[float]:
-    """The first constant of every elastic material, Young's modulus at small strains of every hyperelastic one."""
-    moduli = [modulus_of(one) for one in of.model if one.kind in ("ELASTIC", "HYPERELASTIC") and one.lines]
-    return [one for one in moduli if one > 0.0]
-
-
 def _edge(of: Reading) -> float:
     """A typical edge of the elements."""
     edges = []
     for rows in of.deck.solids.values():
-        x = of.deck.points[of.deck.places(rows[:200, 1:3])]
+        x = of.deck.points[of.deck.places(rows[~of.deck.are_rigid(rows[:, 0])][:200, 1:3])]
         edges.append(np.linalg.norm(x[:, 1] - x[:, 0], axis=1))
     return float(np.median(np.concatenate(edges)))
 
@@ -361,7 +357,7 @@ def _friction(of: Reading, interaction: _Interaction, name: str) -> dict[str, An
 def _note_stick_slope(of: Reading, card: Card | None) -> None:
     """Say where CalculiX lets surfaces slip that stick: by shear stress over stick slope, half of the first modulus
     where the slope is not given."""
-    moduli = _moduli(of)
+    moduli = moduli_of(of.model)
     if not _coefficient(card) or card is None or not moduli or {"SLIPTOLERANCE", "ROUGH"} & card.parameters.keys():
         return
     words = card.words(0)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from .cards import Card, key_of
+from .rigid_surfaces import RIGID
 from .springs import KINDS
 from .steps import PROCEDURES, STEADY
 
@@ -93,7 +94,7 @@ _NOT_READ: Final = {
     **dict.fromkeys(("ELASTIC", "EXPANSION", "DENSITY", "CONDUCTIVITY"), ("DEPENDENCIES", "USER", "MODULI")),
     "HYPERELASTIC": ("TESTDATAINPUT", "MODULI", "DEPENDENCIES", "USER"),
     "ORIENTATION": ("DEFINITION", "LOCALDIRECTIONS"),
-    "RIGIDBODY": ("ANALYTICALSURFACE", "POSITION"),
+    "RIGIDBODY": ("POSITION=CENTEROFMASS",),
 }
 """Parameters that change what a card says, by its kind."""
 
@@ -151,7 +152,7 @@ def fates(
     cards: Iterable[Card], ignore: Collection[str], surface_elements: Collection[str], sections: Collection[str] = ()
 ) -> list[Row]:
     """The table of cards, in the order of the deck; those to ignore by `Card.kind`; types of elements that lie on
-    solids, and of those of a section in 2D, by name."""
+    solids, and of those of a section in 2D and of rigid surfaces, by name."""
     rows: dict[str, Row] = {}
     cards = list(cards)
     heated = any(card.kind in STEADY for card in cards)
@@ -201,6 +202,8 @@ def _fate(
             return USED, "surface elements name faces"
         if title.startswith("CPEG"):
             return REFUSED, f"{where}: elements of type {title}: {_GENERALISED}"
+        if RIGID.match(title):
+            return REFUSED, f"{where}: elements of type {title} of which no *RIGID BODY has the ELSET"
         return REFUSED, f"{where}: elements of type {title} are no solids"
     if kind == "STATIC" and "RIKS" in card.parameters:
         return REFUSED, f"{where}: loads are given, not found along an arc (RIKS)"

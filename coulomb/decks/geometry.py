@@ -13,9 +13,7 @@ lost; nodes have other numbers.  A million of them in two instances take 2.5 s a
 from __future__ import annotations
 
 import math
-import os
 import re
-from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -25,9 +23,9 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from ..arrays import FloatArray, IntArray, as_list
+from ..arrays import BoolArray, FloatArray, IntArray, as_list
 from .cards import Card, key_of, read_cards
-from .sets import NamedSet, Sets, Surface, unqualified
+from .sets import NamedSet, Profile, Sets, Surface, unqualified
 
 SOLID = re.compile(r"(?:C3D|DC3D|AC3D|SC)(\d+)")
 FLAT = re.compile(r"(?:SFM3D|M3D|R3D|CPS|CPE|CAX|DS|S|STRI)([346])(?!\d)")
@@ -72,6 +70,10 @@ class _Instance:
         """Where points of the part are, shape (k, 3): first moved, then turned."""
         return (x + self.shift - self.about) @ self.turn.T + self.about if self.name else x
 
+    def back(self, x: FloatArray) -> FloatArray:
+        """Where points are in the part, shape (k, 3)."""
+        return (x - self.about) @ self.turn + self.about - self.shift if self.name else x
+
     def turn_frame(self, card: Card) -> None:
         """Let the frame of an *ORIENTATION or *TRANSFORM go with the part: the axis of a cylinder as its places, other
         axes with the rotation."""
@@ -90,6 +92,8 @@ class Geometry:
         elements: By type in upper case: rows of the number of an element and those of its nodes.
         node_sets: Of their numbers, as `element_sets`.
         surfaces: By name as it is compared.
+        owner: The instance that a card of `others` is of, by its identity.
+        rigid: Numbers of the solids that stand for rigid surfaces (`rigid_surfaces`), by the name of their set.
 
     Raises:
         OSError: If the file, or one that it includes, cannot be read.
@@ -108,6 +112,7 @@ class Geometry:
         self._parts: dict[str, tuple[str, list[Card]]] = {}
         self._instances: dict[str, _Instance] = {}
         self.owner: dict[int, str] = {}
+        self.rigid: dict[str, IntArray] = {}
         self._outside = _Instance("", 0)
         self._read()
 
@@ -275,6 +280,9 @@ class Geometry:
 
     def _surface(self, card: Card, of: _Instance) -> None:
         name, kind = self._own(card.needs("NAME"), of), card.key("TYPE") or "ELEMENT"
+        if kind in ("SEGMENTS", "CYLINDER", "REVOLUTION"):
+            self.surfaces[key_of(name)] = Profile(name, card=card, place=of.place, back=of.back)
+            return
         if "COMBINE" in card.parameters or kind not in ("NODE", "ELEMENT"):
             what = "COMBINE" if "COMBINE" in card.parameters else f"TYPE={card.get('TYPE')}"
             raise card.fault(f"surfaces of {what} are not read, those of elements and of nodes are")
@@ -399,6 +407,23 @@ class Geometry:
             raise ValueError(f"{self.path}: has elements of several kinds: {', '.join(kinds.values())}")
         return next(iter(kinds))
 
+    def add_nodes(self, points: FloatArray) -> IntArray:
+        """Numbers of further nodes at points (k, 3)."""
+        numbers: IntArray = self.tags.max(initial=0) + 1 + np.arange(len(points))
+        self._tags.append(numbers)
+        self._points.append(points)
+        self.forget()
+        return numbers
+
+    def forget(self) -> None:
+        """Nodes and elements have changed."""
+        for name in ("tags", "points", "_place", "solids", "flats", "section", "kinds"):
+            vars(self).pop(name, None)
+
+    def are_rigid(self, elements: IntArray) -> BoolArray:
+        """Which of some elements (k,) stand for rigid surfaces."""
+        return np.isin(elements, np.concatenate([elements[:0], *self.rigid.values()]))
+
     def elements_of(self, label: int | IntArray | str) -> IntArray:
         """Numbers of an element, of several, or of a set of elements."""
         return self.element_sets.members(label) if isinstance(label, str) else np.atleast_1d(label)
@@ -444,54 +469,9 @@ class Geometry:
         label = connected_components(graph, directed=False)[1][:total]
         return np.unique(label, return_inverse=True)[1].astype(np.int64)
 
-    def on_sides(self, card: Card) -> Iterator[tuple[str, tuple[float, ...], list[tuple[int | str, str]]]]:
-        """What a *DLOAD, *FILM or *DFLUX card puts on sides of elements: the name of the face of each, the values, and
-        elements or sets with their side S1, S2, ...; sides with the same values are one face."""
-        letter, count = {"DLOAD": ("P", 1), "FILM": ("F", 2), "DFLUX": ("S", 1)}[card.kind]
-        faces: dict[tuple[float, ...], list[tuple[list[tuple[int | str, str]], set[tuple[int, str]]]]] = {}
-        for row in range(len(card.lines)):
-            words = card.words(row)
-            side = key_of(words[1]) if len(words) > 1 else ""
-            if words[0] and re.fullmatch(f"{letter}[1-6]", side):
-                label = self.label(words[0])
-                values = tuple(card.number(word, row) for word in [*words[2:], "", ""][:count])
-                numbers = self.element_sets.listed(label) if isinstance(label, str) else label
-                here = {(int(number), side) for number in as_list(self.element_sets.once(numbers, card, row))}
-                of_values = faces.setdefault(values, [([], set())])
-                if not of_values[-1][1].isdisjoint(here):  # what is given twice adds up
-                    of_values.append(([], set()))
-                of_values[-1][0].append((label if isinstance(label, str) else int(label[0]), f"S{side[1]}"))
-                of_values[-1][1].update(here)
-        given = [(values, sides) for values, of_values in faces.items() for sides, _ in of_values]
-        for number, (values, sides) in enumerate(given, 1):
-            if len(sides) == 1:
-                what, side = sides[0]
-                yield f"{what} {side.replace('S', letter)}", values, sides
-            else:
-                yield f"{card.keyword} line {card.line}" + (f" {number}" if len(given) > 1 else ""), values, sides
-
 
 def _turn(axis: FloatArray, angle: float) -> FloatArray:
     """The matrix of a rotation about an axis, right-handed."""
     unit = axis / np.linalg.norm(axis)
     cross = np.cross(np.eye(3), unit)
     return np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * (np.outer(unit, unit) - np.eye(3))
-
-
-_KEPT: dict[tuple[str, int, int], Geometry] = {}
-"""The geometry that was read last, until it is used again: the case of a deck is read before its mesh."""
-
-
-def read_geometry(path: str, again: bool = False) -> Geometry:
-    """The geometry of a deck, perhaps as it was read before; `again`: it will be read once more.
-
-    Raises:
-        OSError, ValueError: As `Geometry`.
-    """
-    state = os.stat(path)
-    key = str(path), state.st_mtime_ns, state.st_size
-    geometry = _KEPT.pop(key, None) or Geometry(path)
-    _KEPT.clear()
-    if again:
-        _KEPT[key] = geometry
-    return geometry

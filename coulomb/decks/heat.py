@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from .cards import Card, key_of
+from .node_surfaces import loads_on_sides
 from .reading import Reading
 from .steps import PROCEDURES, STEADY, Step, Track, Tracks
 
@@ -91,7 +92,7 @@ class Heat:
             yield f"{body}{words[0]}", card.number(words[3], row) if len(words) > 3 else 0.0
 
     def _on_sides(self, into: Tracks[Any], card: Card, step: Step) -> None:
-        for name, values, sides in self._of.deck.on_sides(card):
+        for name, values, sides in loads_on_sides(self._of.deck, card):
             key = frozenset(sides)
             elements = np.concatenate([self._of.deck.elements_of(what) for what, _ in sides])
             self._names[key] = f"{self._of.body_of(elements, f'*{card.keyword}')}{name}"

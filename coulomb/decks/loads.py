@@ -12,6 +12,7 @@ import numpy as np
 from ..arrays import IntArray
 from .cards import Card, key_of
 from .materials import radial_direction
+from .node_surfaces import loads_on_sides
 from .reading import Reading
 from .steps import Amplitude, Rows, Step, Tracks, reference
 
@@ -67,7 +68,7 @@ class Loads:
                             self._refuse_parts(face, pressures, step, card)
                         pressures.give(face, value, step, amplitude)
                     continue
-                for name, (value,), sides in self._of.deck.on_sides(card):
+                for name, (value,), sides in loads_on_sides(self._of.deck, card):
                     of_sides = frozenset(sides)
                     elements = np.concatenate([self._of.deck.elements_of(what) for what, _ in sides])
                     names.setdefault(of_sides, f"{self._of.body_of(elements, '*DLOAD')}{name}")

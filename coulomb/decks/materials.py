@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -117,8 +118,13 @@ def _hyperelastic(card: Card) -> dict[str, Any]:
     raise card.fault("of *HYPERELASTIC, NEO HOOKE, MOONEY-RIVLIN and OGDEN are read")
 
 
-def modulus_of(card: Card) -> float:
-    """The first constant of *ELASTIC; of *HYPERELASTIC three times the shear modulus of small strains."""
+def moduli_of(cards: Iterable[Card]) -> list[float]:
+    """The first constant of every *ELASTIC; of every *HYPERELASTIC three times the shear modulus of small strains."""
+    moduli = [_modulus(card) for card in cards if card.kind in ("ELASTIC", "HYPERELASTIC") and card.lines]
+    return [one for one in moduli if one > 0.0]
+
+
+def _modulus(card: Card) -> float:
     if card.kind == "ELASTIC":
         return float(card.floats([0])[0])
     law = _hyperelastic(card)

@@ -1,15 +1,16 @@
-"""Sides of elements that surfaces name; and the facets of slave surfaces of nodes that make none by themselves."""
+"""Sides of elements that surfaces and loads name; facets of slave surfaces of nodes that make none by themselves."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from typing import Final
 
 import numpy as np
 
-from ..arrays import FloatArray, IntArray, distinct, rows_among, unit_vectors
+from ..arrays import FloatArray, IntArray, as_list, distinct, rows_among, unit_vectors
 from ..nearest import tree_of
-from .cards import key_of
+from .cards import Card, key_of
 from .geometry import Geometry
 from .sets import Surface
 
@@ -68,9 +69,44 @@ def corners_of_sides(
         return sides
     if what is not None:
         outside = corners_of_sides(deck, rows, None, "")
-        return sides[rows_among(np.sort(outside, axis=1), np.sort(sides, axis=1))]
-    number = distinct(np.sort(sides, axis=1))[1]
+        return sides[rows_among(_each_once(outside), _each_once(sides))]
+    number = distinct(_each_once(sides))[1]
     return sides[np.bincount(number)[number] == 1]
+
+
+def _each_once(sides: IntArray) -> IntArray:
+    """1 more than the corners of sides (f, 4), ascending, 0 in place of those that are there again."""
+    corners = np.sort(sides, axis=1)
+    again = corners[:, 1:] == corners[:, :-1]
+    corners[:, 1:][again] = -1
+    return np.sort(corners, axis=1) + 1
+
+
+def loads_on_sides(deck: Geometry, card: Card) -> Iterator[tuple[str, tuple[float, ...], list[tuple[int | str, str]]]]:
+    """What a *DLOAD, *FILM or *DFLUX card puts on sides of elements: the name of the face of each, the values, and
+    elements or sets with their side S1, S2, ...; sides with the same values are one face."""
+    letter, count = {"DLOAD": ("P", 1), "FILM": ("F", 2), "DFLUX": ("S", 1)}[card.kind]
+    faces: dict[tuple[float, ...], list[tuple[list[tuple[int | str, str]], set[tuple[int, str]]]]] = {}
+    for row in range(len(card.lines)):
+        words = card.words(row)
+        side = key_of(words[1]) if len(words) > 1 else ""
+        if words[0] and re.fullmatch(f"{letter}[1-6]", side):
+            label = deck.label(words[0])
+            values = tuple(card.number(word, row) for word in [*words[2:], "", ""][:count])
+            numbers = deck.element_sets.listed(label) if isinstance(label, str) else label
+            here = {(int(number), side) for number in as_list(deck.element_sets.once(numbers, card, row))}
+            of_values = faces.setdefault(values, [([], set())])
+            if not of_values[-1][1].isdisjoint(here):  # what is given twice adds up
+                of_values.append(([], set()))
+            of_values[-1][0].append((label if isinstance(label, str) else int(label[0]), f"S{side[1]}"))
+            of_values[-1][1].update(here)
+    given = [(values, sides) for values, of_values in faces.items() for sides, _ in of_values]
+    for number, (values, sides) in enumerate(given, 1):
+        if len(sides) == 1:
+            what, side = sides[0]
+            yield f"{what} {side.replace('S', letter)}", values, sides
+        else:
+            yield f"{card.keyword} line {card.line}" + (f" {number}" if len(given) > 1 else ""), values, sides
 
 
 def facets_with_nodes(deck: Geometry, name: str) -> IntArray | None:

@@ -6,6 +6,7 @@ import numpy as np
 
 from .cards import Card, key_of
 from .geometry import Geometry
+from .rigid_surfaces import element_set_of
 from .sets import Surface
 
 
@@ -23,25 +24,30 @@ def skin_of(deck: Geometry, card: Card) -> Surface | None:
     Raises:
         ValueError: If its ELSET is not known, or elements outside of it share nodes with it.
     """
-    given = card.get("ELSET") or next(filter(None, map(card.get, ("NSET", "TIENSET", "PINNSET"))), "")
-    sets = deck.element_sets if card.get("ELSET") else deck.node_sets
-    owner = deck.owner.get(id(card))
-    given = f"{owner}.{given}" if f"{owner}.{given}" in sets else given
-    if card.get("ELSET") and given not in sets:
+    given = element_set_of(deck, card)
+    of_elements = bool(given)
+    sets = deck.element_sets if of_elements else deck.node_sets
+    nodal = next(filter(None, map(card.get, ("NSET", "TIENSET", "PINNSET"))), "")
+    if of_elements and nodal:
+        raise card.fault(f"nodes ({nodal!r}) beside elements or an analytical surface are not read")
+    if of_elements and given not in sets:
         raise card.lacks("element set", given, sets.names)
+    if not of_elements:
+        owned = f"{deck.owner.get(id(card))}.{nodal}"
+        given = owned if owned in sets else nodal
     if given not in sets:
         return None
     members, rows = sets.members(given), list(deck.solids.values())
-    if not card.get("ELSET"):
+    if not of_elements:
         nodes, members = members, np.concatenate([one[np.all(np.isin(one[:, 1:], members), axis=1), 0] for one in rows])
     mine = [one[np.isin(one[:, 0], members), 1:].ravel() for one in rows]
     inside = np.unique(np.concatenate(mine))
     around = [one[np.any(np.isin(one[:, 1:], inside), axis=1), 0] for one in rows]
     if not len(inside) or len(np.concatenate(around)) > len(members):
-        if card.get("ELSET"):
+        if of_elements:
             raise card.fault(f"ELSET={given}: elements outside of it share nodes with it: give the NSET of its face")
         return None
-    if not card.get("ELSET") and not np.array_equal(np.intersect1d(nodes, deck.tags), inside):
+    if not of_elements and not np.array_equal(np.intersect1d(nodes, deck.tags), inside):
         return None
     name = f"{sets.get(given).name} skin"
     if key_of(name) not in deck.surfaces:

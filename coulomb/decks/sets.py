@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..arrays import IntArray
+from ..arrays import FloatArray, IntArray
 from .cards import Card, key_of
 
 
@@ -90,6 +90,21 @@ class Surface:
     name: str
     lines: list[tuple[int | str, str]] = field(default_factory=list)
     nodes: bool = False
+
+
+@dataclass
+class Profile(Surface):
+    """An analytical surface, given by a profile: lines once it is divided into elements (`rigid_surfaces`).
+
+    Attributes:
+        card: Its *SURFACE.
+        place: Where points of its part, shape (k, 3), are.
+        back: Where points are in its part.
+    """
+
+    card: Card = field(kw_only=True)
+    place: Callable[[FloatArray], FloatArray] = field(kw_only=True)
+    back: Callable[[FloatArray], FloatArray] = field(kw_only=True)
 
 
 _Named = TypeVar("_Named", NamedSet, Surface)

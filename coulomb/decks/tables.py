@@ -18,12 +18,14 @@ from .cards import Card, key_of
 from .constraints import Constraints
 from .contacts import contact_tables, general_contact, itself
 from .fates import REFUSED, Row, fates, refuse_misplaced
-from .geometry import SECTION, Geometry, read_geometry
+from .geometry import SECTION, Geometry
+from .geometry_file import read_geometry
 from .heat import Heat
 from .loads import Loads
-from .materials import directions_of, has_several, material_of
+from .materials import directions_of, has_several, material_of, moduli_of
 from .nodes import NodalTables
 from .reading import Reading
+from .rigid_surfaces import RIGID
 from .springs import spring_tables
 from .steps import PROCEDURES, Step, steps_of
 from .temperatures import Temperatures
@@ -78,6 +80,8 @@ class _Translator:
         self.translation = Translation()
         surface_elements = [name for name in deck.elements if _names_faces(deck, name)]
         sections = [name for name in deck.elements if SECTION.match(name)] if deck.section else []
+        titles = {card.get("TYPE").upper() for card in deck.cards if card.kind == "ELEMENT"}
+        sections += [title for title in titles if RIGID.match(title) and title not in deck.elements]
         self.translation.cards = fates(deck.cards, ignore, surface_elements, sections)
         if self.translation.refused:
             return
@@ -238,7 +242,15 @@ class _Translator:
                     table["directions"] = directions_of(own)
             name = self.of.set_name(card)
             materials.append((name, self.deck.element_sets.members(name), table))
+        for name, numbers in self.deck.rigid.items():
+            materials.append((name, numbers, self._of_rigid(materials[0][2])))
         return materials
+
+    def _of_rigid(self, other: dict[str, Any]) -> dict[str, Any]:
+        """The material of thin solids that do not deform: without weight, and with what all of a case must have."""
+        table = {"young": max(moduli_of(self.of.model)), "poisson": 0.3}
+        table |= {key: 0.0 for key in ("density", "expansion") if key in other}
+        return table | {key: other[key] for key in ("conductivity",) if key in other}
 
     def _temperatures_of(self, elements: IntArray, material: list[Card]) -> tuple[float, float] | None:
         """Those of the start and the end at the nodes of some elements, the mean where they differ; None if none is

@@ -461,7 +461,7 @@ REFUSED_OPTIONS = {
     "*FRICTION\n": {
         "*CLEARANCE, CPSET=a, VALUE=.1\n*FRICTION\n": "SLAVE, MASTER and VALUE alone",
         "*CLEARANCE, SLAVE=slave, MASTER=slave, VALUE=.1\n*FRICTION\n": "no \\*CONTACT PAIR of these",
-        "*SURFACE, TYPE=CYLINDER, NAME=roll\nSTART, 0., 0.\n*FRICTION\n": "surfaces of TYPE=CYLINDER",
+        "*SURFACE, TYPE=CYLINDER, NAME=roll\nSTART, 0., 0.\n*FRICTION\n": "is analytical: it needs a",
         "*AMPLITUDE, NAME=a, DEFINITION=MODULATED\n1, 6., 0., 0.\n0., 1.\n*FRICTION\n": "TABULAR, SMOOTH STEP and",
         "*AMPLITUDE, NAME=a, VALUE=ABSOLUTE\n0., 0., 1., 1.\n*FRICTION\n": "VALUE=ABSOLUTE",
     },

@@ -297,7 +297,10 @@ def eliminated(bodies: ReducedBodies) -> Reduced:
     if not reduction.trivial:
         P = reduction.projection()
         product = K.PtAP(P)
-        anchoring = anchored * diagonal_of(product).reshape(-1, 3)
+        stiff = diagonal_of(product).reshape(-1, 3)
+        rigid = stiff[len(bodies.x) :] <= _RIGID * typical
+        stiff[len(bodies.x) :][rigid] = typical
+        anchoring = anchored * stiff
         rows = local_rows(product) + reduction.filled(mean, anchoring)
         for thing in (K, P, product):
             thing.destroy()
@@ -332,6 +335,10 @@ def _anchors(bodies: ReducedBodies) -> BoolArray:
     places[3] = True
     return anchors(bodies.free, bodies.free_unknowns, bodies.reduction.points, list(places), bodies.comm)
 
+
+_RIGID: Final = 1e-9
+"""Diagonal entry of a motion of a face over the mean one of nodes, up to which it is that of a body that is rigid as a
+whole: a rounding error."""
 
 _SOFT: Final = 1e-12
 """Energy of a rigid motion over the number of nodes and the largest diagonal entry of the stiffness, up to which it is

@@ -18,8 +18,9 @@ from typing import Final
 import numpy as np
 
 from ...arrays import IntArray
-from ...decks.geometry import Geometry, read_geometry
-from ...decks.node_surfaces import corners_of_sides, facets_with_nodes, refuse_other_sides
+from ...decks.geometry import Geometry
+from ...decks.geometry_file import read_geometry
+from ...decks.node_surfaces import corners_of_sides, facets_with_nodes, loads_on_sides, refuse_other_sides
 from ...decks.rigid_bodies import add_skins
 from ...decks.sets import NamedSet, Sets
 from .mesh_file import MeshFile, SectionFile, not_empty, solid_nodes
@@ -71,7 +72,7 @@ def read_section(path: str, cells: str | None = None) -> SectionFile:
     add_skins(deck)
     surfaces = {surface.name: lines(surface.lines) for surface in deck.surfaces.values() if not surface.nodes}
     loads = ("DLOAD", "FILM", "DFLUX")
-    pressed = (of for card in deck.others if card.kind in loads for of in deck.on_sides(card))
+    pressed = (of for card in deck.others if card.kind in loads for of in loads_on_sides(deck, card))
     surfaces |= {name: lines(sides) for name, _, sides in pressed}
     used = np.zeros(len(deck.points), dtype=bool)
     for points in blocks.values():
@@ -143,7 +144,7 @@ class _Mesh:
                     of for line in _merged(surface.lines) for of in self._sides(surface.name, *line)
                 ]
         for card in deck.others:
-            for name, _, sides in deck.on_sides(card) if card.kind in ("DLOAD", "FILM", "DFLUX") else ():
+            for name, _, sides in loads_on_sides(deck, card) if card.kind in ("DLOAD", "FILM", "DFLUX") else ():
                 groups[name] = [rows for line in _merged(sides) for rows in self._sides(name, *line)]
         return groups
 
