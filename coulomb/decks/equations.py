@@ -7,6 +7,7 @@ follows from an equation, and its forces go with it to the nodes of that.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, Final
 
@@ -20,6 +21,9 @@ from .steps import Rows, value_at
 
 _FIXED_BY: Final = {"PLANE": 3, "STRAIGHT": 2}
 """Kinds of *MPC, by the number of nodes that the others follow."""
+
+LINKS: Final = ("TIE", "PIN", "BEAM")
+"""Kinds of *MPC of a node that moves as another one, BEAM as on a rigid arm that turns with that."""
 
 _NOTHING: Final = 1e-12
 """Coefficient over the largest of its equation below which it is a rounding error."""
@@ -131,19 +135,42 @@ class Equations:
 
     def stay(self, card: Card) -> None:
         """*MPC of kind PLANE and STRAIGHT, of small motions: nodes stay in the plane of the first three, which may move
-        and turn, or on the line of the first two."""
+        and turn, or on the line of the first two; and `LINKS`."""
         none: IntArray = np.empty(0, dtype=np.int64)
         kind, nodes, first = "", none, 0
         for row, words in card.rows("PLANE or STRAIGHT and nodes"):
             if key_of(words[0]) in _FIXED_BY:
                 self._stay(kind, nodes, card, first)
                 kind, nodes, first, words = key_of(words[0]), none, row, words[1:]
+            elif key_of(words[0]) in LINKS:
+                self._stay(kind, nodes, card, first)
+                kind, nodes = "", none
+                self._link(words, card, row)
+                continue
             if not kind:
-                raise card.fault(f"of kind {words[0]} is not read: PLANE and STRAIGHT are", row)
+                raise card.fault(f"of kind {words[0]} is not read: {', '.join((*_FIXED_BY, *LINKS))} are", row)
             named = [self._of.node_numbers(word, card, row) for word in words if word]
             nodes = np.concatenate([nodes, *named])
             self._refuse_other_nodes(nodes, card, row)
         self._stay(kind, nodes, card, first)
+
+    def _link(self, words: Sequence[str], card: Card, row: int) -> None:
+        """A line of kind, node and the node that it follows, or sets of as many."""
+        if len(words) != 3:
+            raise card.fault("needs a kind and two nodes, or two sets of them", row)
+        of_first, of_other = (self._of.node_numbers(word, card, row) for word in words[1:])
+        if len(of_other) not in (1, len(of_first)):
+            raise card.fault(f"{words[1]!r} has {len(of_first)} nodes, but {words[2]!r} {len(of_other)}", row)
+        self._refuse_other_nodes(of_first, card, row)
+        for node, other in zip(of_first, np.broadcast_to(of_other, len(of_first)), strict=True):
+            if key_of(words[0]) == "BEAM":
+                if other in self._of.nodes_of_cells:
+                    said = "nodes of solids have no rotations: let a node of no element be the second, or give PIN"
+                    raise card.fault(f"BEAM: {said}", row)
+                self.couple(int(other), np.array([node]), {1, 2, 3})
+            else:
+                for dof in (1, 2, 3):
+                    self._add({(int(node), dof): 1.0, (int(other), dof): -1.0})
 
     def _stay(self, kind: str, nodes: IntArray, card: Card, row: int) -> None:
         """Equations of nodes that stay in a plane or on a line; none without nodes."""

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from .cards import Card, key_of
+from .equations import LINKS
 from .rigid_surfaces import RIGID
 from .springs import KINDS
 from .steps import PROCEDURES, STEADY
@@ -218,8 +219,8 @@ def _fate(
         return REFUSED, f"{where}: of initial conditions only temperatures are read"
     if kind == "STEP" and "PERTURBATION" in card.parameters:
         return REFUSED, f"{where}: perturbations of a step before are not computed"
-    if kind == "MPC" and not any(word in ("PLANE", "STRAIGHT") for word in map(key_of, card.words(0))):
-        return REFUSED, f"{where}: of kind {card.words(0)[0]}; PLANE and STRAIGHT are read"
+    if kind == "MPC" and not any(word in ("PLANE", "STRAIGHT", *LINKS) for word in map(key_of, card.words(0))):
+        return REFUSED, f"{where}: of kind {card.words(0)[0]}; PLANE, STRAIGHT, {', '.join(LINKS)} are read"
     if kind == "MODELCHANGE" and not card.key("TYPE").startswith("CONTACTPAIR"):
         return REFUSED, f"{where}: elements are neither taken out nor put in"
     if kind == "BOUNDARY" and card.key("TYPE") not in ("", "DISPLACEMENT"):

@@ -384,10 +384,32 @@ def test_nodes_that_stay_in_a_plane_or_on_a_line(tmp_path):
         tables_of(tmp_path, moved.replace("1, 2.5", "1, 3.") + "*MPC\nPLANE, 15, 16, 18, 17\n" + load)
     with pytest.raises(ValueError, match=r"\*MPC: the first 2 nodes of STRAIGHT make none"):
         tables_of(tmp_path, moved + "*MPC\nSTRAIGHT, 5, 11, 12\n" + load)
-    beam = tables_of(tmp_path, moved + "*MPC\nBEAM, 15, 16\n" + load)
-    assert [(row.keyword, row.why[-41:]) for row in beam.refused] == [
-        ("MPC", "of kind BEAM; PLANE and STRAIGHT are read")
-    ]
+    link = tables_of(tmp_path, moved + "*MPC\nLINK, 15, 16\n" + load)
+    assert [(row.keyword, row.why.partition("; ")[0][-12:]) for row in link.refused] == [("MPC", "of kind LINK")]
+
+
+def test_nodes_that_move_as_others(tmp_path):
+    """*MPC of kind BEAM: on arms that turn with a reference node; of TIE and PIN: as the other, as equations say."""
+    text = CUBES.replace("top, 1, 2\n", "") + "*NODE\n900, .5, .5, 3\n"
+    moved = STEP.format("*BOUNDARY\n900, 1, 2\n900, 3, 3, -1e-4\n900, 4\n900, 5, 5, 1e-5\n900, 6")
+    assert not tables_of(tmp_path, text + "*MPC\nBEAM, top, 900\n" + moved).refused
+    solution = read_case(tmp_path / "deck.inp").problem().solve()
+    x, u = solution.problem.elasticity.x, solution.displacement
+    lid = x[:, 2] > 1.999
+    assert np.allclose(u[lid], np.column_stack([np.full(4, -1e-5), np.zeros(4), -1e-4 - 1e-5 * (x[lid, 0] - 0.5)]))
+    load = STEP.format("*CLOAD\n15, 3, -1.")
+    rows = "".join(f"*EQUATION\n2\n17, {dof}, 1., 15, {dof}, -1.\n" for dof in (1, 2, 3))
+    expected = tables_of(tmp_path, text + rows + load).tables["equation"]
+    for kind in ("TIE", "PIN"):
+        assert tables_of(tmp_path, text + f"*MPC\n{kind}, 17, 15\n" + load).tables["equation"] == expected
+    for wrong, said in (
+        ("BEAM, 15, 16", "line 48: .*nodes of solids have no rotations"),
+        ("TIE, top, base, 15", "needs a kind and two nodes"),
+        ("PIN, 15, top", "'15' has 1 nodes, but 'top' 4"),
+        ("PIN, 900, 15", "node 900 belongs to no solid element"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            tables_of(tmp_path, text + f"*MPC\n{wrong}\n" + load)
 
 
 def test_temperatures_of_some_nodes(tmp_path):
