@@ -99,6 +99,15 @@ _NOT_READ: Final = {
 }
 """Parameters that change what a card says, by its kind."""
 
+_INSTEAD: Final = {
+    **dict.fromkeys(
+        ("CONTACTINITIALIZATIONDATA", "CONTACTINITIALIZATIONASSIGNMENT"),
+        "give gaps and overlaps of two surfaces by *CONTACT PAIR with ADJUST, or with *CLEARANCE",
+    ),
+    "GAP": "in place of gap elements (GAPUNI) give a *CONTACT PAIR of the faces, with *CLEARANCE for the gap",
+}
+"""What to do in place of cards that are refused, by their kind."""
+
 _PARAMETERS: Final = frozenset(
     """
     ADD ADIABATIC ADJUST ALLELEMENTBASED ALLEXTERIOR ALLSDTOL ALPHA AMPLITUDE ANALYTICALSURFACE ANISOTROPIC ARRUDA-BOYCE
@@ -235,4 +244,4 @@ def _fate(
             for meant in difflib.get_close_matches(name, _PARAMETERS, 1, _ALIKE):
                 return REFUSED, f"{where}: there is no parameter {name}; did you mean {meant}?"
         return USED, f"{where}: not read: {', '.join(unknown)}" if unknown else ""
-    return REFUSED, f"{where}: coulomb has nothing like it"
+    return REFUSED, f"{where}: {_INSTEAD.get(kind, 'coulomb has nothing like it')}"

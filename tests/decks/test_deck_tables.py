@@ -384,6 +384,8 @@ def test_nodes_that_stay_in_a_plane_or_on_a_line(tmp_path):
         tables_of(tmp_path, moved.replace("1, 2.5", "1, 3.") + "*MPC\nPLANE, 15, 16, 18, 17\n" + load)
     with pytest.raises(ValueError, match=r"\*MPC: the first 2 nodes of STRAIGHT make none"):
         tables_of(tmp_path, moved + "*MPC\nSTRAIGHT, 5, 11, 12\n" + load)
+    gap = tables_of(tmp_path, moved + "*GAP, ELSET=g\n.1, 0., 0., 1.\n" + load)
+    assert "give a *CONTACT PAIR of the faces" in gap.refused[0].why
     link = tables_of(tmp_path, moved + "*MPC\nLINK, 15, 16\n" + load)
     assert [(row.keyword, row.why.partition("; ")[0][-12:]) for row in link.refused] == [("MPC", "of kind LINK")]
 
