@@ -253,7 +253,7 @@ def show_error_bars(console: Console, contents: dict[str, Any], tolerance: float
 
 
 _NOTHING: Final = 1e-8
-"""Change of a force over the largest that is an error of the derivatives."""
+"""Change of a force over the largest, or over the force, that is an error of the derivatives."""
 
 
 def show_sensitivity(console: Console, contents: dict[str, Any]) -> None:
@@ -266,7 +266,8 @@ def show_sensitivity(console: Console, contents: dict[str, Any]) -> None:
     for face in entries[0]["totals"] if entries else ():
         totals = [(entry, entry["totals"][face]) for entry in entries]
         totals.sort(key=lambda row: -np.hypot(row[1]["normal_force"], row[1]["friction_force"]))
-        least = {"N": _NOTHING * max(np.hypot(row["normal_force"], row["friction_force"]) for _, row in totals)}
+        forces = [dict(named_faces(contents["faces"]))[face], *(row for _, row in totals)]
+        least = {"N": _NOTHING * max(np.hypot(one["normal_force"], one["friction_force"]) for one in forces)}
         console.out(f"1 % more of an input does to the forces of {face!r} (to first order, and up to where):")
         for one, total in totals[:_LINES]:
             step = "any change" if one["step"] is None else f"up to {plain(number(100.0 * one['step'], 2))} %"

@@ -197,7 +197,9 @@ def test_a_list_of_inputs_names_those_of_the_table_and_places_of_numbers(tmp_pat
     )
 
     def entries(*words):
-        run_coulomb("run", "case.toml", *words, cwd=tmp_path)
+        done = run_coulomb("run", "case.toml", *words, cwd=tmp_path)
+        for name in ("length y", "young") if words[0] == "--set" else ():  # loads alone make the forces
+            assert f"  {name:<25} normal 0 N          friction 0 N " in done.stdout
         contents = json.loads((tmp_path / "results" / "summary.json").read_text())
         slips = {one["input"]: one["totals"]["bottom"]["greatest_slip"] for one in contents["sensitivity"]}
         return slips, contents["input_bars"]["bottom"]["greatest_slip"]
