@@ -284,7 +284,8 @@ class _Answer:
     def at(self) -> AnswerDerivatives:
         """The linear systems; collective."""
         problem, linear = self._problem, self._problem.linear
-        return at_answer(problem.friction_problem, linear.formed_A, 1.0 / linear.node_stiffness, self._x)
+        u = problem.elasticity.reduction.reduced(self._u - problem.loading.prescribed).ravel()
+        return at_answer(problem.friction_problem, linear.formed_A, 1.0 / linear.node_stiffness, self._x, u)
 
     @cached_property
     def _sections(self) -> list[Section]:

@@ -95,8 +95,10 @@ class Derivative:
     border: int
 
 
-def at_answer(problem: FrictionProblem, A: BodyCompliance, local: FloatArray, x: FloatArray) -> AnswerDerivatives:
-    """The derivatives at an answer x (3 m,) in newtons; collective.
+def at_answer(
+    problem: FrictionProblem, A: BodyCompliance, local: FloatArray, x: FloatArray, u: FloatArray | None = None
+) -> AnswerDerivatives:
+    """The derivatives at an answer x (3 m,) in newtons, and, where it is known, u (n,) in metres; collective.
 
     The linear systems are made of an A that may be another than that of the problem, if it is easier to form.  `local`
     is what a newton at a point does to the body next to it, metres per newton, shape (m,): diag(A) without motions of
@@ -104,7 +106,7 @@ def at_answer(problem: FrictionProblem, A: BodyCompliance, local: FloatArray, x:
     """
     settings = SemismoothNewton()
     derivatives = AnswerDerivatives(settings, problem, Task(Goal(settings.tolerance, None), None, None, None))
-    derivatives.settle(A, local, x)
+    derivatives.settle(A, local, x, u)
     return derivatives
 
 
@@ -159,8 +161,7 @@ class AnswerDerivatives(SemismoothIteration):
         points = round(self._over.sum(border.points.astype(np.float64)))
         of_bounds = [np.where(self._at.status == 2, one.bound, 0.0)[:, None] * slips for one in changes]
         rights = [self._right(change, of_bound) for change, of_bound in zip(changes, of_bounds, strict=True)]
-        together = 1 if self._one_by_one else len(changes)
-        first = [one for k in range(0, len(changes), together) for one in self._solved_for(rights[k : k + together])]
+        first = self._solved_for(rights, self._here)
         results = []
         for change, of_bound, solved in zip(changes, of_bounds, first, strict=True):
             dx, dw, u, dalpha, settled = self._along(border, change, of_bound, solved)
@@ -189,7 +190,8 @@ class AnswerDerivatives(SemismoothIteration):
         signs: FloatArray = random.choice([-1.0, 1.0], size=self._x.shape)
         scale = self._scale()[:, None]
         try:
-            ((dx, *_),) = self._solved_for([_Right(np.zeros(self._body.size), signs * scale, 0.0 * self._e)], _RANDOM)
+            right = _Right(np.zeros(self._body.size), signs * scale, 0.0 * self._e)
+            ((dx, *_),) = self._solved_for([right], self._system(), _RANDOM)
         except ValueError:
             return Condition(math.inf, False)
         return Condition(
@@ -220,7 +222,7 @@ class AnswerDerivatives(SemismoothIteration):
         closing, bound = change.b.reshape(-1, 3) / self._a, change.bound
         for attempt in range(_ATTEMPTS):
             if attempt:
-                (solved,) = self._solved_for([self._right(change, of_bound)])
+                (solved,) = self._solved_for([self._right(change, of_bound)], self._system())
             dx, u, dalpha = solved
             dw = self._constraints.without(-self._body.rows(u).reshape(-1, 3) / self._a - closing, dalpha)
             border_rows, turned = border.along(dx, dw, bound)
@@ -293,9 +295,9 @@ class AnswerDerivatives(SemismoothIteration):
         e, self._at = -self._T.T @ mu if len(self._e) else NO_MOTION, answer
         return Change(np.einsum("iab,ib->ia", Q, z).ravel() / self._a, bound, e, -u / self._a), points
 
-    def settle(self, A: BodyCompliance, local: FloatArray, x: FloatArray) -> None:
+    def settle(self, A: BodyCompliance, local: FloatArray, x: FloatArray, u: FloatArray | None) -> None:
         """To the answer, as of `at_answer`; collective."""
-        self._local = local / self._a
+        self._local, self._u = local / self._a, u
         self._one_by_one = A.matrix_free is not None  # as V-cycles are made
         self._body, self._accuracy = A.elimination(), _ACCURACY[self._one_by_one]
         if len(x) <= _FORMED and (formed := A.formed()) is not None:
@@ -321,9 +323,21 @@ class AnswerDerivatives(SemismoothIteration):
         scale = self._problem.force_scale(self._x.ravel(), self._a * self._w(self._A_x, self._alpha).ravel())
         return np.where(scale > 1e-290, scale, 1.0)
 
-    def _solved_for(self, rights: Sequence[_Right], accuracy: float = 0.0) -> list[_Solved]:
-        """Of the derivative of the equations at the present point, to a relative residual, by default the usual one;
-        collective."""
+    @cached_property
+    def _here(self) -> CoupledKrylov:
+        """The derivative of the equations at the answer; collective.
+
+        It knows the answer, of which loads, moduli and lengths change the scale: forces are in proportion to all loads,
+        and to all stiffnesses and lengths, so that of such inputs one or two derivatives follow from the others."""
+        system = self._system()
+        if self._u is not None:
+            none = np.zeros_like(self._u), np.zeros_like(self._x), np.zeros(len(self._e))
+            system.know(self._u, *none[1:])
+            system.know(none[0], self._x, none[2])
+        return system
+
+    def _system(self) -> CoupledKrylov:
+        """The derivative of the equations at the present point; collective."""
         over, derivative = self._over, self._at
         scale, local = self._scale()[:, None], self._local[:, None]
         if self._one_by_one:  # a V-cycle moves a body on its springs by itself, beyond what contact lets it
@@ -332,7 +346,7 @@ class AnswerDerivatives(SemismoothIteration):
         weight = over.min(1.0 / scale)
         weight = weight if np.isfinite(weight) else 1.0  # without contact points
         self._inverse.move(derivative)
-        krylov = CoupledKrylov(
+        return CoupledKrylov(
             self._body,
             self._a,
             self._constraints,
@@ -341,14 +355,23 @@ class AnswerDerivatives(SemismoothIteration):
             ConstraintPreconditioner(self._inverse, self._constraints, 3, derivative.Q @ self._scaled.G),
             rows,
             weight,
+            not self._one_by_one,
         )
-        slight = _SLIGHT * over.norm(self._x / scale)
-        sizes = [
-            max(math.hypot(over.norm(rows * g), weight * over.norm(f), weight * float(np.linalg.norm(e))), slight)
-            for f, g, e in rights
-        ]
+
+    def _solved_for(self, rights: Sequence[_Right], system: CoupledKrylov, accuracy: float = 0.0) -> list[_Solved]:
+        """Of the derivative of the equations at the present point, to a relative residual, by default the usual one;
+        collective."""
+        over, rows, weight = self._over, system.rows, system.weight
+        self._inverse.move(self._at)
+        slight = _SLIGHT * over.norm(self._x / self._scale()[:, None])
+        sizes = np.array(
+            [
+                max(math.hypot(over.norm(rows * g), weight * over.norm(f), weight * float(np.linalg.norm(e))), slight)
+                for f, g, e in rights
+            ]
+        )
         f, g, e = (np.array(side) for side in zip(*rights, strict=True))
-        u, dx, dalpha, left = krylov.solve(f, g, e, max(accuracy, self._accuracy) * np.array(sizes))
+        u, dx, dalpha, left = system.solve(f, g, e, max(accuracy, self._accuracy) * sizes)
         for of, size in zip(left, sizes, strict=True):
             _refuse_unsolved(of, size, max(10.0 * accuracy, _SOLVED))
         return [_Solved(*one) for one in zip(dx, u, dalpha, strict=True)]

@@ -19,8 +19,10 @@ from coulomb.linalg.multigrid.block_matrix import (
     distributed_blocks,
     in_kernel_blocks,
     padded,
+    sum_of,
     symmetric_blocks,
 )
+from coulomb.linalg.multigrid.recycled_cg import RecycledCG
 from coulomb.linalg.petsc_arrays import Entries, distributed_entries
 
 COMM = MPI.COMM_WORLD
@@ -96,6 +98,23 @@ def test_symmetric_blocks(size, team):
     blocks.smooth(inverse_mine, b_mine, x_mine, d_mine, factors, zero=True)
     assert np.abs(d_mine - part(direction, edges)).max(initial=0.0) <= 1e-5 * scale
     assert np.abs(x_mine - part(first + direction, edges)).max(initial=0.0) <= 1e-5 * scale
+    blocks.destroy()
+
+
+@pytest.mark.parametrize("size", [3, 6])
+def test_a_sum_of_blocks(size, team):
+    """Blocks of the second matrix are on its diagonal, where the first has some, and where it has none."""
+    edges, rng = shares(40, size), np.random.default_rng(size)
+    halves = [in_blocks(40, 40, (size, size), density, rng).tocsr() for density in (0.1, 0.02)]
+    K, S = (half + half.T + scipy.sparse.eye(40 * size) for half in halves)
+    matrices = [distributed(of, edges, edges) for of in (K, S)]  # must outlive their arrays
+    parts = (symmetric_blocks(distributed_entries(of), size) for of in matrices)
+    blocks, x = SymmetricBlocks(sum_of(*parts), size), rng.standard_normal(40 * size)
+    y, whole = padded(blocks.size), (K + S) @ x
+    blocks.mult(part(x, edges), y)
+    assert np.abs(y - part(whole, edges)).max(initial=0.0) <= 1e-6 * np.abs(whole).max()
+    diagonal = part((K + S).diagonal(), edges)
+    assert np.abs(blocks.diagonal - diagonal).max(initial=0.0) <= 1e-6 * np.abs(diagonal).max(initial=0.0)
     blocks.destroy()
 
 
@@ -181,6 +200,37 @@ def test_coarse_grids_that_every_rank_has(monkeypatch):
         iterations.append(solver.iterations)
         solver.destroy()
     assert max(iterations) - min(iterations) <= 1 and max(iterations) <= 30
+
+
+@pytest.mark.parametrize(("most", "dense"), [(0, 500), (200, 60), (10**9, 500)])
+def test_grids_stiffened_by_springs(monkeypatch, most, dense):
+    """Springs four times as stiff as K that hold nodes of the first half, and softer ones to nodes of the second, far
+    away: conjugate gradients take about as many iterations as by grids of the sum, by those of K four times as many."""
+    monkeypatch.setattr(multigrid_cycle, "REPLICATED_UP_TO", most)
+    monkeypatch.setattr(multigrid_cycle, "DENSE_UP_TO", dense)
+    K = block(4).elasticity.K
+    nodes = K.getSize()[0] // 3
+    first = scipy.sparse.eye(nodes // 2, nodes, format="csr")
+    ties = first - scipy.sparse.eye(nodes // 2, nodes, nodes // 2, format="csr")
+    springs = [of[::9].T @ of[::9] for of in (first, ties)]
+    rows, typical = K.getOwnershipRanges(), K.getDiagonal().sum() / (3 * nodes)
+    S = distributed(typical * scipy.sparse.kron(4.0 * springs[0] + 0.1 * springs[1], np.eye(3)), rows, rows)
+    whole, solver = K + S, stiffness.IterativeSolver(K)
+    whole.setNearNullSpace(K.getNearNullSpace())
+    x, y = K.createVecs()
+
+    def product(v, image):
+        x.array[:] = v
+        whole.mult(x, y)
+        image[:] = y.array_r
+
+    size, iterations = K.getLocalSize()[0], []
+    f = part(np.sin(np.arange(rows[-1])), rows)
+    for cycle in (solver.stiffened(S), stiffness.IterativeSolver(whole)._cycle, solver._cycle):
+        u = padded(size)
+        iterations.append(RecycledCG(COMM, size, product, cycle).solve(f, u, 1e-8))
+    assert iterations[0] <= iterations[1] + 5 and 3 * iterations[0] <= iterations[2]
+    solver.destroy()
 
 
 def test_small_distributed_grids_have_one_cycle(monkeypatch):

@@ -40,16 +40,17 @@ def sheet(solver):
 
 
 POSED = {
-    "alike": (pair, 1e-10, 30),
-    "1e3 times as hard": (lambda solver: pair(solver, 1e3), 1e-10, 30),
+    "alike": (pair, 1e-10, 15),
+    "1e3 times as hard": (lambda solver: pair(solver, 1e3), 1e-10, 15),
 }
 if COMM.size == 1:
-    POSED |= {"second order": (lambda solver: pair(solver, degree=2), 1e-10, 40), "sheet": (sheet, 1e-8, 30)}
+    POSED |= {"second order": (lambda solver: pair(solver, degree=2), 1e-10, 22), "sheet": (sheet, 1e-8, 10)}
 
 
 @pytest.mark.parametrize("name", POSED)
 def test_as_by_factors_in_few_cycles(name, monkeypatch):
-    """Forward and adjoint; without springs the sheet is refused as singular after 1000 cycles a system."""
+    """Forward and adjoint; without springs the sheet is refused as singular after 1000 cycles a system.  Half of the
+    inputs follow from the others, as forces are in proportion to all loads, and to all stiffnesses and lengths."""
     cycles, applied, totals, (posed, tolerance, most) = [], CoupledKrylov._preconditioned, [], POSED[name]
 
     def counted(self, v):

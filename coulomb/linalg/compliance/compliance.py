@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -383,7 +384,7 @@ class MatrixFreeCompliance(LimitedProducts):
     @property
     def stiffened(self) -> bool:
         """Whether `elimination` may have springs: where bodies are held without soft ones, by multigrid."""
-        return self._soft is None and not self.factorised
+        return self._soft is None and isinstance(self._solver, IterativeSolver)
 
     @property
     def local(self) -> FloatArray:
@@ -392,38 +393,34 @@ class MatrixFreeCompliance(LimitedProducts):
 
     def elimination(self, springs: FloatArray | None = None) -> Elimination:
         """K^-1 by a V-cycle; with springs (m, 3, 3) of contact points, newtons per metre, of K + B^T springs B."""
-        solver, displacements = self._solver if springs is None else self._with(springs), list[FloatArray]()
+        cycle, displacements = self._cycle if springs is None else self._stiffened(springs), list[FloatArray]()
 
         def begin(forces: FloatArray) -> FloatArray:
-            displacements[:] = map(cycle, forces)
+            displacements[:] = (cycle(f).copy() for f in forces)
             return np.array([self._moved(u) for u in displacements])
-
-        def cycle(f: FloatArray) -> FloatArray:
-            self._rhs.array[:] = f
-            solver.approximate(self._rhs, self._u)
-            return self._u.array_r.copy()
 
         def end(_: FloatArray) -> FloatArray:  # what contact forces leave over is for the next application
             return np.array(displacements)
 
         return Elimination(self._solver, self.B, begin, end, springs is not None)
 
-    def _with(self, springs: FloatArray) -> IterativeSolver:
-        """Multigrid of K + B^T springs B; collective."""
+    def _cycle(self, forces: FloatArray) -> FloatArray:
+        self._rhs.array[:] = forces
+        self._solver.approximate(self._rhs, self._u)
+        return self._u.array_r
+
+    def _stiffened(self, springs: FloatArray) -> Callable[[FloatArray], FloatArray]:
+        """A V-cycle of K + B^T springs B; collective."""
+        assert isinstance(self._solver, IterativeSolver)
         sizes, first, each = self.B.getSizes()[0], self.B.getOwnershipRange()[0], np.arange(3 * self.nodes)
         columns = np.broadcast_to((first + each).reshape(-1, 1, 3), springs.shape)
         pattern = (of.astype(PETSc.IntType) for of in (np.arange(0, springs.size + 1, 3), columns.ravel()))
         of_points = PETSc.Mat().createAIJ((sizes, sizes), csr=(*pattern, springs.ravel()), comm=self.B.comm)
-        added, stiffened = of_points.PtAP(self.B), self.K.copy()
-        stiffened.axpy(1.0, added)
-        stiffened.setNearNullSpace(self.K.getNearNullSpace())
-        interpolation = self.K.getAttr("interpolation")
-        if interpolation is not None:
-            stiffened.setAttr("interpolation", interpolation)
-        solver = IterativeSolver(stiffened)
-        for done in (of_points, added, stiffened):
+        added = of_points.PtAP(self.B)
+        cycle = self._solver.stiffened(added)
+        for done in (of_points, added):
             done.destroy()
-        return solver
+        return cycle
 
     def rotated(self, B: PETSc.Mat, turn: FloatArray) -> MatrixFreeCompliance:
         rest: FloatArray = np.einsum("iab,ib->ia", turn**2, self._elastic.rest.reshape(-1, 3)).ravel()

@@ -15,12 +15,15 @@ a point is about d, and where many points move together its stiffness is small b
 know nothing of A (M. Benzi, G. H. Golub, J. Liesen: Numerical solution of saddle point problems, Acta Numerica 14,
 2005, on augmented Lagrangians).  On the block of 41 616 unknowns it takes 20 to 25 iterations; without springs 26 with
 all of A in N, and 45 to 52 with what path following has learnt of it.  Bodies that contact or soft springs hold need A.
+
+A solve starts from the best combination of what is known: earlier solutions, and vectors whose image is computed.  Of
+several right-hand sides those that depend on the others come last, when the others are solved.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -40,6 +43,11 @@ _FALLING: Final = 0.9
 """Residual over the tolerance above which a solution is improved, and over that before up to which this goes on."""
 
 _AGAIN: Final = 0.5  # an image that orthogonalisation leaves less of than this part is made orthogonal once more
+
+_DEPENDENT: Final = 1e-6
+"""Part of an image, or of a right-hand side, that others leave of it, up to which it depends on these."""
+
+_REMEMBERED: Final = 30  # known vectors, at most
 
 
 class Elimination:
@@ -103,6 +111,10 @@ class CoupledKrylov:
         inverse: (r (m, 3, c), r3 (q, c)) -> z and alpha of [P + Y A X/a, -Y G^T; G X, 0], nearly; with springs N r.
         rows: Weights of the equations of the contact points, shape (m, 3),
         weight: and of those of displacements.
+        together: Whether right-hand sides are solved for together, as far as they do not depend on each other.
+
+    Attributes:
+        rows, weight: As the arguments.
     """
 
     def __init__(
@@ -115,10 +127,18 @@ class CoupledKrylov:
         inverse: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]],
         rows: FloatArray,
         weight: float,
+        together: bool = True,
     ):
         self._body, self._a, self._constraints, self._forces = body, a, constraints, forces
-        self._equations, self._inverse, self._rows, self._weight = equations, inverse, rows, weight
-        self._over = Reductions(constraints.comm)
+        self._equations, self._inverse, self.rows, self.weight = equations, inverse, rows, weight
+        self._over, self._together = Reductions(constraints.comm), together
+        self._n, self._m = body.size, len(rows)
+        self._known = _Known(self._over)
+
+    def know(self, u: FloatArray, z: FloatArray, alpha: FloatArray) -> None:
+        """Start from what these vectors (n,), (m, 3), (q,) are the solution of, too; collective."""
+        (vector,) = self._joined(u[None], z[None], alpha[None])
+        self._known.add(vector, self._image(vector))
 
     def solve(
         self, f: FloatArray, g: FloatArray, e: FloatArray, atol: FloatArray
@@ -130,30 +150,67 @@ class CoupledKrylov:
             f, g, e: c right-hand sides, shapes (c, n), (c, m, 3), (c, q).
             atol: Tolerances of the weighted residuals, shape (c,).
         """
-        self._n, self._m = f.shape[1], g.shape[1]
-        right = self._joined(self._weight * f, self._rows * g, e)
+        right = self._joined(self.weight * f, self.rows * g, e)
         solution, left = np.zeros_like(right), right.copy()
-        sizes: FloatArray = np.array([self._over.norm(one) for one in left])
+        sizes: FloatArray = np.zeros(len(right))
+        for some in self._batches(right):
+            for number in some:
+                solution[number] = self._known.nearest(right[number])
+                left[number] -= self._image(solution[number])
+            self._improve(some, right, solution, left, sizes, atol)
+            for number in some:
+                self._known.add(solution[number], right[number] - left[number])
+        return *self._parts(solution), sizes
+
+    def _batches(self, right: FloatArray) -> Iterator[Sequence[int]]:
+        """Numbers of right-hand sides: one after the other, or first those that do not depend on others and on what is
+        known."""
+        if not self._together:
+            yield from ([number] for number in range(len(right)))
+            return
+        new, others, apart = list[int](), list[int](), list[FloatArray]()
+        for number, one in enumerate(right):
+            rest = self._known.without(one)
+            for other in apart:
+                rest -= self._over.dot(other, rest) * other
+            size = self._over.norm(rest)
+            if size > _DEPENDENT * self._over.norm(one):
+                new.append(number)
+                apart.append(rest / size)
+            else:
+                others.append(number)
+        yield from (some for some in (new, others) if some)
+
+    def _improve(
+        self,
+        some: Sequence[int],
+        right: FloatArray,
+        solution: FloatArray,
+        left: FloatArray,
+        sizes: FloatArray,
+        atol: FloatArray,
+    ) -> None:
+        """Solutions of some of the right-hand sides, with what they leave over, and its norms, from a start."""
+        sizes[some] = [self._over.norm(left[number]) for number in some]
         before: FloatArray = np.full(len(right), np.inf)
-        going = sizes > atol
+        going = np.isin(np.arange(len(right)), some) & (sizes > atol)
         for _ in range(_CYCLES):
             wrong = np.flatnonzero(going)
             if not len(wrong):
                 break
             spaces = [_Space(self._over, left[number]) for number in wrong]
             for _ in range(_KEPT):
-                some = [one for one, number in zip(spaces, wrong, strict=True) if one.left > atol[number]]
-                if not some:
+                moving = [one for one, number in zip(spaces, wrong, strict=True) if one.left > atol[number]]
+                if not moving:
                     break
-                for one, z in zip(some, self._preconditioned(np.array([one.latest for one in some])), strict=True):
+                for one, z in zip(moving, self._preconditioned(np.array([one.latest for one in moving])), strict=True):
                     one.add(z, self._image(z))
             for number, one in zip(wrong, spaces, strict=True):  # of large parts that cancel rounding errors are left
                 solution[number] += one.solution
                 left[number] = right[number] - self._image(solution[number])
                 sizes[number] = self._over.norm(left[number])
-            going = (sizes > _SURE * atol) & (sizes < _FALLING * before) & going
+            going &= (sizes > _SURE * atol) & (sizes < _FALLING * before)
             before = sizes.copy()
-        return *self._parts(solution), sizes
 
     def _parts(self, v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """u, z and alpha of vectors (c, ...), alpha the same on every rank; collective if there are any."""
@@ -174,23 +231,58 @@ class CoupledKrylov:
         """The left-hand side of a vector."""
         (u,), (z,), (alpha,) = self._parts(v[None])
         w = self._constraints.without(-self._body.rows(u).reshape(-1, 3) / self._a, alpha)
-        forces = self._weight * self._body.multiply(u, self._forces(z).ravel())
-        contact, resultant = self._rows * self._equations(z, w), self._constraints.resultant(z)
+        forces = self.weight * self._body.multiply(u, self._forces(z).ravel())
+        contact, resultant = self.rows * self._equations(z, w), self._constraints.resultant(z)
         return self._joined(forces[None], contact[None], resultant[None])[0]
 
     def _preconditioned(self, v: FloatArray) -> FloatArray:
         """Of right-hand sides (c, ...)."""
         f, g, e = self._parts(v)
-        f = f / self._weight
+        f = f / self.weight
         if self._body.sprung:
-            z, _ = self._inverse(np.moveaxis(g / self._rows, 0, -1), e.T)
+            z, _ = self._inverse(np.moveaxis(g / self.rows, 0, -1), e.T)
             f -= [self._body.forces(self._forces(one).ravel()) for one in np.moveaxis(z, -1, 0)]
         w = -self._body.begin(f).reshape(g.shape) / self._a
-        left = [of / self._rows - self._equations(np.zeros_like(of), at) for of, at in zip(g, w, strict=True)]
+        left = [of / self.rows - self._equations(np.zeros_like(of), at) for of, at in zip(g, w, strict=True)]
         z, alpha = self._inverse(np.stack(left, axis=-1), e.T)
         z = z.transpose(2, 0, 1)
         u = self._body.end(np.array([self._forces(one).ravel() for one in z]))
         return self._joined(u, z, alpha.T)
+
+
+class _Known:
+    """Vectors with their images, which are orthonormal; collective."""
+
+    def __init__(self, over: Reductions):
+        self._over, self._vectors, self._images = over, list[FloatArray](), list[FloatArray]()
+
+    def nearest(self, right: FloatArray) -> FloatArray:
+        """The combination whose image is nearest to a right-hand side."""
+        vector = np.zeros_like(right)
+        for part, known in zip(self._parts(right), self._vectors, strict=True):
+            vector += part * known
+        return vector
+
+    def without(self, right: FloatArray) -> FloatArray:
+        """A right-hand side less that image."""
+        rest = right.copy()
+        for part, image in zip(self._parts(right), self._images, strict=True):
+            rest -= part * image
+        return rest
+
+    def add(self, vector: FloatArray, image: FloatArray) -> None:
+        """In place of the first one, where there are many; if its image does not depend on the others."""
+        size = self._over.norm(image)
+        for _ in range(2):
+            vector, image = vector - self.nearest(image), self.without(image)
+        left = self._over.norm(image)
+        if left > _DEPENDENT * size:
+            self._vectors = [*self._vectors, vector / left][-_REMEMBERED:]
+            self._images = [*self._images, image / left][-_REMEMBERED:]
+
+    def _parts(self, right: FloatArray) -> FloatArray:
+        """Of the images in it."""
+        return self._over.total(np.array([float(image @ right) for image in self._images]))
 
 
 class _Space:
@@ -217,7 +309,9 @@ class _Space:
         """The direction of the latest v, with its image."""
         k, over = self._count, self._over
         v, parts = self._v[: k + 1], self._parts[:, k]
-        square = over.dot(image, image)  # of the size of 1, as v
+        image -= v[k]  # nearly all of it, as z is nearly the solution: less is left to cancel
+        parts[k] = 1.0
+        square = over.dot(image, image)
         while True:
             seen, before = over.total(v @ image), square
             image -= seen @ v

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Final, Protocol
 
 import numpy as np
@@ -12,8 +12,8 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ..factors import NotPositiveDefinite
-from ..multigrid import RecycledCG, Stiffness, multigrid, padded, stiffness_in_blocks
-from ..petsc_arrays import CHOLESKY, configured_ksp
+from ..multigrid import RecycledCG, Stiffness, multigrid, padded, stiffness_in_blocks, symmetric_blocks
+from ..petsc_arrays import CHOLESKY, configured_ksp, distributed_entries
 from ..reductions import summed
 from ..solve_errors import CGNotConverged, TooSlow
 
@@ -247,6 +247,16 @@ class IterativeSolver:
         moved = 0.0 if self._soft is None else self._soft.motions @ self._soft.take_from_forces(r)
         u.array[:] = self._precondition(r) + moved
         u.scale(size)
+
+    def stiffened(self, springs: PETSc.Mat) -> Callable[[FloatArray], FloatArray]:
+        """A V-cycle of K with springs, for forces (n,), to be read before the next one; collective."""
+        cycle, r = self._cycle.stiffened(symmetric_blocks(distributed_entries(springs), 3)), padded(len(self._u))
+
+        def approximate(forces: FloatArray) -> FloatArray:
+            r[:] = forces
+            return cycle(r)
+
+        return approximate
 
     def multiply(self, u: PETSc.Vec, product: PETSc.Vec) -> None:
         self._u[:] = u.array_r

@@ -222,6 +222,27 @@ def symmetric_blocks(entries: DistributedEntries, size: int) -> DistributedBlock
     return distributed_blocks(entries, (size, size), accurate=True, upper=True)
 
 
+def sum_of(K: DistributedBlocks, S: DistributedBlocks) -> DistributedBlocks:
+    """K + S in `symmetric_blocks`, S with few of them, in single precision; columns do not ascend, and
+    may occur twice, but those of the diagonal."""
+    own = K.own._replace(values=K.own.values.copy(), low=None)
+    of_K, of_S = (_by_blocks(part.values, len(part.columns)) for part in (own, S.own))
+    diagonal = S.own.pointers[:-1]
+    of_K[own.pointers[:-1]] += of_S[diagonal]
+    beside = np.any(of_S != 0.0, axis=1)
+    beside[diagonal] = False
+    if np.any(beside):
+        own = joined_rows(own, S.own._replace(low=None).chosen(beside))
+    others, columns = K.others, K.columns
+    if K.others is not None and S.others is not None and len(S.columns):
+        columns = np.union1d(K.columns, S.columns)
+        both = (K.others, K.columns[K.others.columns]), (S.others, S.columns[S.others.columns])
+        others = joined_rows(
+            *(part._replace(columns=np.searchsorted(columns, numbers).astype(np.int32)) for part, numbers in both)
+        )
+    return DistributedBlocks(K.comm, own, others, columns, K.starts)
+
+
 def joined_rows(*parts: Blocks) -> Blocks:
     """Matrices of as many rows as one; the columns of one after those of the other."""
     row = np.concatenate([np.repeat(np.arange(len(part.pointers) - 1), np.diff(part.pointers)) for part in parts])
@@ -302,10 +323,10 @@ def _shares(blocks: Blocks, team: int) -> tuple[npt.NDArray[np.int32] | None, in
 
 
 class SymmetricBlocks:
-    """A symmetric matrix in `symmetric_blocks` of 3 or 6 rows."""
+    """A symmetric matrix in `symmetric_blocks` of 3 or 6 rows, which are its `matrix`."""
 
     def __init__(self, matrix: DistributedBlocks, size: int):
-        self._blocks = matrix.own
+        self.matrix, self._blocks = matrix, matrix.own
         n = len(self._blocks.pointers) - 1
         self.size, self._width = size * n, size
         self.threads = _team(self._blocks)

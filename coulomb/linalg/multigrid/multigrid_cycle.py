@@ -37,6 +37,7 @@ from .block_matrix import (
     distributed_blocks,
     on_every_rank,
     padded,
+    sum_of,
     symmetric_blocks,
 )
 from .coarsening import WholeRows, coarser, galerkin, whole, with_diagonal
@@ -58,6 +59,10 @@ class CoarseSolver(Protocol):
         """The solution for r, padded, to be read before the next one; collective."""
         ...
 
+    def stiffened(self, S: DistributedBlocks, size: int) -> CoarseSolver:
+        """That of K + S, in `symmetric_blocks` of so many rows; collective."""
+        ...
+
     def destroy(self) -> None:
         return
 
@@ -66,7 +71,7 @@ class DenseSolver(CoarseSolver):
     """On a small coarsest grid, on one rank; LinAlgError if K is not positive definite, to rounding."""
 
     def __init__(self, K: scipy.sparse.csr_matrix):
-        dense = K.toarray(order="F")
+        self._K, dense = K, K.toarray(order="F")
         self._factor = scipy.linalg.cholesky(dense, lower=True, overwrite_a=True, check_finite=False)
         self._solution = padded(len(dense))
 
@@ -76,12 +81,15 @@ class DenseSolver(CoarseSolver):
         self._solution[:] = dtrsv(self._factor, self._solution, lower=1, trans=1)
         return self._solution
 
+    def stiffened(self, S: DistributedBlocks, size: int) -> CoarseSolver:
+        return exact_solver(self._K + entries_of(S.own, size))
+
 
 class SparseSolver:
     """On a coarsest grid of any size, on one rank."""
 
     def __init__(self, K: scipy.sparse.csr_matrix):
-        csr = (array.astype(PETSc.IntType) for array in (K.indptr, K.indices))
+        self._K, csr = K, (array.astype(PETSc.IntType) for array in (K.indptr, K.indices))
         matrix = PETSc.Mat().createAIJ(K.shape, csr=(*csr, K.data), comm=PETSc.COMM_SELF)
         self._ksp = configured_ksp(matrix, "preonly", _FACTORISED)
         matrix.destroy()
@@ -93,6 +101,9 @@ class SparseSolver:
         self._ksp.solve(self._b, self._x)
         self._solution[:] = self._x.array_r
         return self._solution
+
+    def stiffened(self, S: DistributedBlocks, size: int) -> CoarseSolver:
+        return exact_solver(self._K + entries_of(S.own, size))
 
     def destroy(self) -> None:
         for thing in (self._ksp, self._b, self._x):
@@ -129,6 +140,9 @@ class Replicated:
         self._comm.Allreduce(MPI.IN_PLACE, r)
         return self._solver(r)
 
+    def stiffened(self, S: DistributedBlocks, size: int) -> CoarseSolver:
+        return Replicated(self._comm, self._solver.stiffened(whole(S), size))
+
     def destroy(self) -> None:
         self._solver.destroy()
 
@@ -147,6 +161,8 @@ unknowns.  The smoother then amplifies them, and the cycle is not definite.  Aft
 parts and blocks.
 """
 
+_FEW: Final = 6  # steps for an eigenvalue that stiffnesses added to K have raised: it is apart from the others
+
 
 class Level:
     """A grid in blocks of `size` rows with its smoother: Chebyshev's iteration with the diagonal.
@@ -154,28 +170,32 @@ class Level:
     Args:
         K: In `symmetric_blocks`.
         steps: Of the smoother before and after the coarser grids.
+        least: Largest eigenvalue of D^-1 K without what has been added to K; 0 if nothing has.
 
     Raises:
         CGNotConverged: On every rank, if a diagonal entry is not positive: K is indefinite.
 
     Attributes:
         largest: Estimated eigenvalue of D^-1 K.
-        interpolation: From the next coarser grid, if there is one; set when that is known.
+        interpolation: From the next coarser grid, if there is one,
+        P: and its rows; set when that is known.
     """
 
     interpolation: BlockInterpolation | None = None
+    P: DistributedBlocks
 
-    def __init__(self, K: DistributedBlocks, size: int, steps: int = 2):
+    def __init__(self, K: DistributedBlocks, size: int, steps: int = 2, least: float = 0.0):
+        self.size, self._steps = size, steps
         self.blocks = SymmetricBlocks(K, size)
         if not Reductions(K.comm).all(np.all(self.blocks.diagonal > 0.0)):
             raise CGNotConverged(0, 1.0, 0.0, indefinite=True)
         self.inverse: FloatArray = 1.0 / self.blocks.diagonal
         self.b, self.x, self._d, self._r = (padded(self.blocks.size) for _ in range(4))
-        self.largest = self._largest_eigenvalue(K.comm)
+        self.largest = max(least, self._largest_eigenvalue(K.comm, _LANCZOS if least == 0.0 else _FEW))
         low, high = (part * self.largest for part in _SMOOTHED)
         self._factors = _chebyshev(0.5 * (high + low), 0.5 * (high - low), steps)
 
-    def _largest_eigenvalue(self, comm: MPI.Comm) -> float:
+    def _largest_eigenvalue(self, comm: MPI.Comm, steps: int) -> float:
         """Of D^-1 K, by CG with a random right-hand side, which is Lanczos' method; a little too small."""
         over, n = Reductions(comm), self.blocks.size
         r, p, image = padded(n), padded(n), padded(n)
@@ -184,7 +204,7 @@ class Level:
         p[:] = z
         size = over.dot(r, z)
         diagonal, beside, alpha, beta = [], [], 1.0, 0.0
-        for _ in range(_LANCZOS):
+        for _ in range(steps):
             self.blocks.mult(p, image)
             before, alpha = alpha, size / over.dot(p, image)
             diagonal.append(1.0 / alpha + beta / before)
@@ -197,6 +217,12 @@ class Level:
             beside.append(math.sqrt(beta) / alpha)
             p[:] = z + beta * p
         return scipy.linalg.eigvalsh_tridiagonal(diagonal, beside[: len(diagonal) - 1])[-1]
+
+    def stiffened(self, S: DistributedBlocks) -> Level:
+        """That of K + S, with the same interpolation, in single precision; collective."""
+        level = Level(sum_of(self.blocks.matrix, S), self.size, self._steps, self.largest)
+        level.interpolation = self.interpolation
+        return level
 
     def smooth_from_zero(self) -> None:
         self.blocks.smooth(self.inverse, self.b, self.x, self._d, self._factors, zero=True)
@@ -265,6 +291,15 @@ class MultigridCycle:
             level.interpolation.restrict(level.residual(), self._right)
             level.interpolation.prolong(self._coarser(self._right), level.x)
         level.smooth()
+
+    def stiffened(self, S: DistributedBlocks, _: int = 3) -> MultigridCycle:
+        """That of K + S, whose stiffnesses are few, in `symmetric_blocks`, by the same interpolations; not to be
+        destroyed; collective."""
+        level, coarser = self._level, self._coarser
+        if level.interpolation is not None and coarser is not None:
+            width = level.interpolation.shape[1]
+            coarser = coarser.stiffened(galerkin(WholeRows(S, level.size), level.P, width), width)
+        return MultigridCycle(level.stiffened(S), coarser, self._again)
 
     def mult(self, x: FloatArray, y: FloatArray) -> None:
         """y <- K x, as accurate as in double precision; x padded; collective."""
@@ -353,7 +388,7 @@ def _cycle_on(
     level: Level, P: DistributedBlocks, shape: tuple[int, int], coarser: CoarseSolver, again: bool = False
 ) -> MultigridCycle:
     """With the solver on the coarser grid from which P, in blocks of this shape, interpolates."""
-    P = on_every_rank(P) if isinstance(coarser, Replicated) else P
+    level.P, P = P, on_every_rank(P) if isinstance(coarser, Replicated) else P
     level.interpolation = BlockInterpolation(P, shape)
     return MultigridCycle(level, coarser, again)
 
