@@ -16,8 +16,9 @@ from ..linalg.compliance import DirectSolver, LinearSolver
 
 # bytes
 _BASE: Final = 1.4e8  # per rank without a mesh: Python, DOLFINx, PETSc
-_BODY: Final = 2.3e3  # per displacement unknown: mesh, K, multigrid, fields
-_MULTIGRID: Final = 350.0  # per displacement unknown: K in blocks, the last solutions
+_BODY: Final = 1.4e3  # per displacement unknown: mesh, fields, K where it is assembled
+_MULTIGRID: Final = 550.0  # per displacement unknown: K in blocks, grids, the last solutions
+_ROWS: Final = 900.0  # per displacement unknown: K beside its factors
 _FACTOR: Final = 104.0  # over n^(4/3): the factor of K in single precision; in double twice as much
 _FRONTS: Final = 132.0  # the same with the contact nodes last, including memory of fronts not yet reused
 _GATHERED: Final = 1.2e3  # per displacement unknown: K on the first of several ranks, which factorises it
@@ -51,7 +52,7 @@ def memory_needed(
         return least + _MULTIGRID * wider * n
     factor: float = (2.0 if double else 1.0) * (_FRONTS if explicit else _FACTOR) * n ** (4 / 3)
     dense = ((2.0 if double else 1.0) * _DENSE + (_COLUMNS if double else 0.0)) * m**2 if explicit else 0.0
-    return least + factor + dense + (_GATHERED * wider * n if ranks > 1 else 0.0)
+    return least + factor + dense + (_ROWS + (_GATHERED if ranks > 1 else 0.0)) * wider * n
 
 
 def least_memory(displacement: int, ranks: int, nodes: int = 8) -> float:
