@@ -7,5 +7,5 @@ from ..fem.bodies.hyperelastic_laws import mooney_rivlin as mooney_rivlin
 from ..fem.bodies.hyperelastic_laws import neo_hookean as neo_hookean
 from ..fem.bodies.hyperelastic_laws import st_venant_kirchhoff as st_venant_kirchhoff
 from ..fem.bodies.nonlinear_body import NonlinearBody as NonlinearBody
-from ..model.large_motions import StepCut as StepCut
+from ..model.attempts import StepCut as StepCut
 from ..model.problem import LargeMotions as LargeMotions

@@ -23,12 +23,11 @@ import numpy as np
 from ..arrays import FloatArray
 from ..fem.bodies import nonlinear
 from ..fem.contact import ContactSurface, FaceMotion
-from ..fem.geometry import Refused
 from ..linalg.factors import NotPositiveDefinite
 from ..linalg.reductions import Reductions
-from ..linalg.solve_errors import CGNotConverged
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
+from .attempts import FAILURES, StepCut, refuse_interrupted, without_answer
 from .certificate import LIMIT, Certificate, Evidence, judge, settled_to
 from .certificate_scales import place_of_largest
 from .discrete_problem import DiscreteProblem
@@ -78,10 +77,6 @@ _NEARLY: Final = 0.3
 
 _Solve = Callable[[Linearised, FloatArray, bool], LinearAnswer]
 """Solves a linear problem, starting from forces (3 m,); closer where an iterate is certified."""
-
-
-class StepCut(NotConverged):
-    """A load step has no answer: why, in words."""
 
 
 def _largest(left: tuple[Evidence, ContactSurface] | None) -> str:
@@ -141,13 +136,12 @@ class LoadStepLoop:
             answer = self._whole_step(state, state.displacement, tolerance, solve)
             if self.shared.stable:
                 answer = self._on_stable_branch(answer, state, tolerance, solve)
-        except (CGNotConverged, NotPositiveDefinite, Refused, NotConverged) as failure:
+        except FAILURES as failure:
             linearised(self.elasticity, state.displacement, state.time)  # the user's functions are of that state
-            result = failure.result if isinstance(failure, NotConverged) else _without_answer(count)
+            result = failure.result if isinstance(failure, NotConverged) else without_answer(count)
             if result.status is Status.INTERRUPTED:
                 raise
-            sliding_off = self.shared.sliding_off(state, self._begun(state))
-            raise StepCut(f"{sliding_off}{failure}", result) from failure
+            raise StepCut(f"{self._reasons(state)}{failure}", result) from failure
         warnings = answer.small_strain.warnings
         for text in warnings if self.comm.rank == 0 else ():
             _log.warning("at %g s: %s", self.time, text)
@@ -172,9 +166,8 @@ class LoadStepLoop:
             start = answer.displacement + side * part * size * stable.mode
             try:
                 other = self._whole_step(state, start, tolerance, solve)
-            except (CGNotConverged, NotPositiveDefinite, Refused, NotConverged) as failure:
-                if isinstance(failure, NotConverged) and failure.result.status is Status.INTERRUPTED:
-                    raise
+            except FAILURES as failure:
+                refuse_interrupted(failure)
                 _log.debug("along the mode by %g: %s", side * part * size, failure)
                 continue
             if other.stability is not None and other.stability.unstable < stable.unstable:
@@ -194,9 +187,8 @@ class LoadStepLoop:
             try:
                 begin = self._ahead(state, u) if pairs else self._turned(state, u)
                 return self._solved_from(state, begin, tolerance, solve, exact=True)
-            except (CGNotConverged, NotPositiveDefinite, Refused, NotConverged) as failure:
-                if isinstance(failure, NotConverged) and failure.result.status is Status.INTERRUPTED:
-                    raise
+            except FAILURES as failure:
+                refuse_interrupted(failure)
                 _log.debug("with exact Newton steps: %s", failure)
         return self._solved_from(state, self._turned(state, u), tolerance, solve, exact=False)
 
@@ -309,13 +301,26 @@ class LoadStepLoop:
     def solution(self, result: SolverResult) -> Solution:
         """The state before a step that has failed, judged with the loads of its end; collective."""
         state = self._state
-        begin = self._begun(state)
-        here = self._iterate(state, state.displacement, self.time, begin.start(), state.poses)
+        begin, here = self._unmoved(state)
         surface, diagonal = here.problem.surface, here.body.K.getDiagonal()
         x = self._carried(state, begin).at(surface, self.shared.points)
         compliance = diagonal.getSize() / abs(diagonal.sum())  # of the order of that of A, which may not exist
         diagonal.destroy()
         return self.judged(here, x, replace(result, x=x), np.full((len(surface.nodes), 3), compliance))
+
+    def _unmoved(self, state: State) -> tuple[Iterate, Iterate]:
+        """The iterate at the start of a step, and one at the same displacement with what is given at its end."""
+        begin = self._begun(state)
+        return begin, self._iterate(state, state.displacement, self.time, begin.start(), state.poses)
+
+    def _reasons(self, state: State) -> str:
+        """`LoadSteps.reasons`; "" where even those are not known, as where normals cancel; collective."""
+        try:
+            begin, end = self._unmoved(state)
+            x = self._carried(state, begin).at(end.problem.surface, self.shared.points)
+            return self.shared.reasons(state, begin, end, x)
+        except FAILURES:
+            return ""
 
     def recomputed(
         self,
@@ -333,7 +338,7 @@ class LoadStepLoop:
         surface = here.problem.surface
         places = self.shared.points.places(surface)
         x = -surface.force_components(force_on_body[places]).ravel()
-        return self.judged(here, x, replace(_without_answer(len(places)), unsettled=unsettled), compliance[places])
+        return self.judged(here, x, replace(without_answer(len(places)), unsettled=unsettled), compliance[places])
 
     def judged(self, here: Iterate, x: FloatArray, result: SolverResult, compliance: FloatArray) -> Solution:
         """The answer of forces x (3 m,) at an iterate, judged by diag(A) there (m, 3); collective."""
@@ -386,8 +391,7 @@ class LoadStepLoop:
             try:
                 answer = solve(here.problem, x, closer)
             except (NotPositiveDefinite, NotConverged) as failure:
-                if isinstance(failure, NotConverged) and failure.result.status is Status.INTERRUPTED:
-                    raise
+                refuse_interrupted(failure)
                 why = str(failure)
                 self._failed = self._failed if isinstance(failure, NotPositiveDefinite) else why
                 _log.debug("%s", why)
@@ -408,10 +412,11 @@ class LoadStepLoop:
         if self.shared.remedy:
             tried.append("springs where contact presses")
             tried.append("damping" if self._damped else "a tangent that is positive in every cell")
-        on_the_way = f"; a linear problem on the way had no answer: {self._failed}" if self._failed else ""
+        failed = self._failed.split("; last residuals")[0]
+        on_the_way = f"; a linear problem on the way had no answer: {failed}" if failed else ""
         helps = "smaller load steps, a finer mesh at that place, loads by prescribed displacements"
         text = f"{why}{on_the_way}; tried: {', '.join(tried)}; what may help: {helps}"
-        return StepCut(text, _without_answer(len(self.shared.points.nodes)))
+        return StepCut(text, without_answer(len(self.shared.points.nodes)))
 
     def _moved(
         self, here: Iterate, du: FloatArray, state: State, start: FaceMotion, poses: FloatArray | None
@@ -491,9 +496,3 @@ class LoadStepLoop:
     def _forces(problem: DiscreteProblem, u: FloatArray, e: Evidence, on_body: FloatArray) -> Forces:
         kept, surface = e.internal - e.spring, problem.surface
         return Forces.at(problem.elasticity, surface, u, kept, e.load, on_body, problem.time)
-
-
-def _without_answer(count: int) -> SolverResult:
-    """The result of a step without an answer, of so many contact points on this rank."""
-    none = np.zeros(3 * count)
-    return SolverResult(none, none, np.zeros(count), np.zeros((count, 2)), Status.STAGNATED, np.inf)

@@ -20,6 +20,7 @@ from ..units import amount
 from .arguments import linear_solver_of, names_of_sides
 from .contact_body import ContactBody
 from .contact_faces import StatePoints
+from .equilibrium import without_equilibrium
 from .iterate import Iterate, Linearised
 from .provenance import now, timed
 from .state import State
@@ -45,6 +46,9 @@ _OBJECTIVE: Final = 1e-6
 
 _NARROW: Final = 0.1
 """Width of the pressing part of a face over that of all that has pressed below which it is a line."""
+
+_USED: Final = 0.9
+"""Part of the largest friction of a face from which on this may be why a step fails."""
 
 _SLIDES: Final = 1e-3
 """Slip in a load step over this width from which a face slides."""
@@ -185,9 +189,43 @@ class LoadSteps:
         behind = np.concatenate([end.body.x[nodes[far & pressing[nodes]]], inside])
         return sorted(tuple(map(float, place)) for places in self.elasticity.comm.allgather(behind) for place in places)
 
-    def sliding_off(self, state: State, begin: Iterate) -> str:
-        """Which contacts slide off what they press on at a state, in words; "" if none does: they have pressed on an
-        area, and slide on what is a line; `begin` is the iterate there; collective."""
+    def reasons(self, state: State, begin: Iterate, end: Iterate, x: FloatArray) -> str:
+        """Why a load step from a state may have no answer, in words; "" if no reason is known; `begin` is the iterate
+        there, and `end` that at the same displacement with what is given at the end, x (3 m,) the forces of the state;
+        collective."""
+        unheld = without_equilibrium(end.problem)
+        said = f"at the place where the step begins {unheld}; " if unheld else self._used_up(end, x)
+        return self._sliding_off(state, begin) + said + self._interference(state, end)
+
+    def _used_up(self, end: Iterate, x: FloatArray) -> str:
+        """Where a step begins with nearly as much friction as there may be at the forces x (3 m,), in words;
+        arguments and result as of `reasons`; collective."""
+        over, bound, part = Reductions(self.elasticity.comm), end.problem.slip_bound(x), end.problem.surface.part
+        friction = np.linalg.norm(x.reshape(-1, 3)[:, 1:], axis=1)
+        sums = [[over.sum(one[part == number]) for one in (friction, bound)] for number in range(len(self.contacts))]
+        used = [
+            (one.face, min(a / b, 1.0)) for one, (a, b) in zip(self.contacts, sums, strict=True) if a > _USED * b > 0.0
+        ]
+        said = (f"{share:.0%} of the friction of {face!r} is used up where the step begins; " for face, share in used)
+        return "".join(said)
+
+    def _interference(self, state: State, end: Iterate) -> str:
+        """Which interferences grow in a step, in words; arguments and result as of `reasons`; collective."""
+        over, said, surface, body = Reductions(self.elasticity.comm), "", end.problem.surface, end.problem.body
+        then = body.given_gap(surface, state.time) * (state.before is not None)  # a first step begins without any
+        now = body.given_gap(surface, end.time)
+        for number, contact in enumerate(self.contacts):
+            before, after = (-over.min(np.append(gap[surface.part == number], 0.0)) for gap in (then, now))
+            if after > before:
+                said += (
+                    f"the interference of {contact.face!r} grows from {amount(before)} to {amount(after)} in the step: "
+                    "let it grow in smaller steps (gap_amplitude); "
+                )
+        return said
+
+    def _sliding_off(self, state: State, begin: Iterate) -> str:
+        """Which contacts slide off what they press on, in words: they have pressed on an area, and slide on what is a
+        line; arguments and result as of `reasons`; collective."""
         if state.before is None:
             return ""
         over, said, x = Reductions(self.elasticity.comm), "", begin.body.x[self.points.nodes]

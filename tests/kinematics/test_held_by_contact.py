@@ -194,3 +194,41 @@ def test_a_step_that_fails_where_a_block_slides_off_says_so(on):
     )
     with pytest.raises(StepFailed, match=words):
         list(LoadHistory([1.0, 1.2, 1.3, 1.5, 2.0], halvings=2).steps(problem))
+
+
+RAMP = [(0.0, 0.0), (1.0, 1.0)]
+PUSHED = (
+    ([], Contact("bottom", 0.3)),
+    [TotalForce("top", (0.0, 0.0, -100.0)), TotalForce("top", (60.0, 0.0, 0.0), amplitude=RAMP)],
+    [1.0],
+    "at the place where the step begins there is no equilibrium: loads push the body along x with 60 N; "
+    "friction holds at most 30 N; ",
+)
+PRESSED_IN = (
+    ([Clamp("top")], Contact("bottom", 0.3, gap=-0.06, gap_amplitude=RAMP)),
+    [],
+    [0.5, 1.0],
+    "the interference of 'bottom' grows from 30 mm to 60 mm in the step: ",
+)
+GRIPPED = (
+    (
+        [Clamp("front", "y")],
+        [
+            Contact(face, 0.3, foundation=Plane((x, 0, 0), (n, 0, 0)), gap=-0.002, gap_amplitude=[(0, 0), (0.1, 1)])
+            for face, x, n in (("left", 0.0, 1.0), ("right", 0.1, -1.0))
+        ],
+    ),
+    [TotalForce("top", (0.0, 0.0, 150.0), amplitude=[(0.1, 0.0), (1.0, 1.0)])],
+    [0.1, 0.8, 1.0],
+    "99% of the friction of 'left' is used up where the step begins; 99% of the friction of 'right' is used up",
+)
+
+
+@pytest.mark.parametrize("given", [PUSHED, PRESSED_IN, GRIPPED], ids=["pushed", "pressed in", "gripped"])
+def test_a_step_that_fails_says_what_holds_too_little_or_presses_too_far(given):
+    """A block that is pushed along a floor by more than friction holds; an interference that becomes larger than the
+    block; a block between jaws, pulled out.  The words were of residuals and stiffness alone."""
+    (supports, contacts), loads, times, words = given
+    problem = ContactProblem(box((0.1, 0.1, 0.05), (1, 1, 1)), RUBBER, supports, contacts, loads, kinematics="large")
+    with pytest.raises(StepFailed, match=f"failed: {words}"):
+        list(LoadHistory(times, halvings=0).steps(problem))
