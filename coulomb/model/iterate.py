@@ -255,7 +255,8 @@ class Iterate:
         if start is not None:
             given = posed.body.given_gap(there.surface, time)
             turns = [self._turn(face) for face in there.surface.faces]
-            slip = start.slip(self.body, there.surface, given, there.foundation_motions, self.foundations, turns)
+            drawn = [np.zeros(3) if one.rotation is None else self._drawn(one.face) for one in posed.body.contacts]
+            slip = start.slip(self.body, there.surface, given, there.foundation_motions, self.foundations, turns, drawn)
             each_of = zip(posed.body.contacts, there.foundation_motions, start.motions, strict=True)
             spins = (
                 None if one.rotation is None else spin(now, at_start, time - before.time)
@@ -271,6 +272,24 @@ class Iterate:
         """The largest of `turns` of the body of a face in the step; collective."""
         of = turns(self.body, self.body.face(face, "contact")[0], self._before.time, self.time)
         return max(of, key=lambda turn: abs(turn.angle), default=None)
+
+    def _drawn(self, face: str) -> FloatArray:
+        """The translation in the step that supports and rigid faces prescribe for the body of a face, metres, shape
+        (3,), nearest to that of their nodes; 0 along directions that are free, and of a body that they turn;
+        collective."""
+        member, constraints, comm = self.body.face(face, "contact")[0], self.body.constraints, self.body.comm
+        if self._turn(face) is not None:
+            return np.zeros(3)
+        held, way = nonlinear(member.body).held, self.u[member.nodes] - self._before.displacement[member.nodes]
+        along, ways = held.projector.sum(axis=0), held.held_part(way).sum(axis=0)
+        for motion in constraints.motions:
+            if self.body.face(motion.given.face, "rigid face")[0] is member:
+                before, after = (motion.values(at, comm) for at in (self._before.time, self.time))
+                given = len(motion.nodes) * motion.given.prescribed[:3]
+                along, ways = along + np.diag(given), ways + given * (after - before)[:3]
+        total = Reductions(comm).total(np.concatenate([along.ravel(), ways]))
+        drawn: FloatArray = np.linalg.pinv(total[:9].reshape(3, 3), rcond=_STILL) @ total[9:]
+        return drawn
 
     @property
     def _pairs_alone(self) -> bool:

@@ -450,3 +450,72 @@ def test_friction_under_a_body_that_is_drawn_and_turned_at_once():
     assert answer.valid
     assert np.abs(off[:, :2].sum(axis=0)).max() <= 0.05 * size
     assert abs(np.cross(from_axis, off)[:, 2].sum()) <= 0.05 * width * size
+
+
+@pytest.mark.parametrize(
+    ("held", "way", "angle"),
+    [
+        ("support", (0.2, 0.2, 0.0), -0.5),
+        ("support", (0.0, 0.3, 0.0), -0.5),
+        ("rigid face", (0.2, 0.1, 0.0), 0.5),
+    ],
+)
+def test_friction_under_a_body_that_is_drawn_over_a_disc_that_turns(held, way, angle):
+    """About an axis through its face, in one step: friction is against the velocity at its end."""
+    down, ramp, axis = [(0.0, 0.0), (1.0, 1.0)], [(1.0, 0.0), (2.0, 1.0)], (0.0, 0.0, 1.0)
+    supports, rigid = [], []
+    if held == "support":
+        supports.append(coulomb.PrescribedDisplacement("top", (0.0, 0.0, -1e-3), "z", amplitude=down))
+        supports.append(coulomb.PrescribedDisplacement("top", way, "xy", amplitude=ramp))
+    else:
+        pressed = way[0], way[1], -1e-3
+        rigid.append(
+            coulomb.RigidFace("top", None, pressed, (0.0, 0.0, 0.0), amplitudes=[ramp, ramp, down, *[1.0] * 3])
+        )
+    problem = coulomb.ContactProblem(
+        coulomb.moved(coulomb.box((0.4, 0.4, 0.2), (3, 3, 1)), (-0.2, -0.2, 0.0)),
+        coulomb.NeoHookean(1e6, 0.0),
+        supports,
+        coulomb.Contact(
+            "bottom",
+            0.3,
+            foundation=coulomb.Plane((0.0, 0.0, 0.0), axis),
+            rotation=coulomb.Rotation((0.0, 0.0, 0.0), axis, [(1.0, 0.0), (2.0, angle)]),
+        ),
+        rigid_faces=rigid,
+        kinematics="large",
+    )
+    *_, last = coulomb.LoadHistory([1.0, 2.0], halvings=0).steps(problem)
+    answer = last.solution
+    velocity = way - angle * np.cross(axis, answer.problem.surface.x)
+    friction = -0.3 * answer.contact_force[0::3, None] * velocity / np.linalg.norm(velocity, axis=1)[:, None]
+    off = answer.force_on_body[:, :2] - friction[:, :2]
+    assert answer.valid
+    assert np.linalg.norm(off.sum(axis=0)) <= 0.02 * np.linalg.norm(friction.sum(axis=0))
+
+
+def test_a_body_that_is_drawn_along_with_a_disc_sticks():
+    """By as much as the disc turns in the middle of its face, in one step: no point that sticks has slipped."""
+    angle, axis = 0.1, (0.0, 0.0, 1.0)
+    way = (np.cos(angle) - 1.0, np.sin(angle), -1e-2)
+    amplitude = [(0.0, 0.0), (1.0, 0.0), (2.0, 1.0)]
+    problem = coulomb.ContactProblem(
+        coulomb.moved(coulomb.box((0.4, 0.4, 0.2), (3, 3, 1)), (0.8, -0.2, 0.0)),
+        coulomb.NeoHookean(1e6, 0.0),
+        [
+            coulomb.PrescribedDisplacement("top", way, "xy", amplitude=amplitude),
+            coulomb.PrescribedDisplacement("top", way, "z", amplitude=[(0.0, 0.0), (1.0, 1.0)]),
+        ],
+        coulomb.Contact(
+            "bottom",
+            9.0,
+            foundation=coulomb.Plane((0.0, 0.0, 0.0), axis),
+            rotation=coulomb.Rotation((0.0, 0.0, 0.0), axis, [(1.0, 0.0), (2.0, angle)]),
+        ),
+        kinematics="large",
+    )
+    first, last = (step.solution for step in coulomb.LoadHistory([1.0, 2.0], halvings=0).steps(problem))
+    c, s, x = np.cos(angle), np.sin(angle), first.problem.surface.x
+    with_disc = np.column_stack([c * x[:, 0] - s * x[:, 1], s * x[:, 0] + c * x[:, 1]])
+    assert last.valid
+    assert last.problem.surface.x[:, :2] == pytest.approx(with_disc, abs=1e-9)

@@ -70,15 +70,18 @@ class FaceMotion:
         motions: Sequence[RigidMotion],
         foundations: Foundations,
         turns: Sequence[Turn | None],
+        drawn: Sequence[FloatArray],
     ) -> FloatArray:
         """Slip since the start of the step at the contact points of a surface with given gaps (m,), space vectors in
-        metres, shape (m, 3), where supports turn the body of each face so in the step; collective."""
+        metres, shape (m, 3), where supports turn the body of each face so in the step, and draw it by translations (3,)
+        in metres; collective."""
         slip = np.zeros_like(surface.x)
         present, normals = foot_points(body, surface.faces, motions, foundations)
         for part, feet in present.items():
             foundation, motion = foundations[part], motions[part]
             then = _Foot(self.feet[part], self.normals[part])
-            ways = _ways(_Foot(feet, normals[part]), then, motion, self.motions[part], foundation, turns[part])
+            about = _turns(feet, motion, self.motions[part], foundation, turns[part], drawn[part])
+            ways = _ways(_Foot(feet, normals[part]), then, about)
             # of points that are averages of nodes: of the feet of these
             here = surface.part == part
             way, turn = (surface.points.average(np.nan_to_num(of))[here] for of in ways)
@@ -131,12 +134,13 @@ class _Foot(NamedTuple):
 
 class _Turns(NamedTuple):
     """Angles in radians by which a foundation and the body turn in a step about an axis of length 1 through a point, in
-    the coordinates of the foundation."""
+    the coordinates of the foundation; and by how much the body is drawn, metres, shape (3,)."""
 
     point: FloatArray
     axis: FloatArray
     foundation: float
     body: float
+    drawn: FloatArray
 
 
 def _turns(
@@ -145,6 +149,7 @@ def _turns(
     earlier: RigidMotion,
     foundation: RigidFoundation | None,
     driven: Turn | None,
+    drawn: FloatArray,
 ) -> _Turns | None:
     """About an axis about which the foundation is a surface of revolution, of points x (k, 3), metres; None if neither
     turns about one."""
@@ -159,11 +164,13 @@ def _turns(
         of_body = 0.0
         if driven is not None and _same_line(point - turn.point, axis, turn.axis, x - turn.point):
             of_body = float(np.sign(axis @ turn.axis)) * driven.angle
-        return _Turns(turn.point, turn.axis, angle, of_body)
+        return _Turns(turn.point, turn.axis, angle, of_body, motion.turned_back(drawn[None])[0])
     if driven is None or not foundation.revolves(point, axis):
         return None
     moved = motion.turned_back((motion.translation - earlier.translation)[None])[0]
-    return _Turns(point, axis, 0.0, driven.angle) if _same_line(moved, axis, axis, x - point) else None
+    if not _same_line(moved, axis, axis, x - point):
+        return None
+    return _Turns(point, axis, 0.0, driven.angle, np.zeros(3))
 
 
 def _same_line(apart: FloatArray, axis: FloatArray, other: FloatArray, arms: FloatArray) -> bool:
@@ -173,18 +180,11 @@ def _same_line(apart: FloatArray, axis: FloatArray, other: FloatArray, arms: Flo
     return bool(near and np.linalg.norm(np.cross(axis, other)) <= _SAME)
 
 
-def _ways(
-    now: _Foot,
-    then: _Foot,
-    motion: RigidMotion,
-    earlier: RigidMotion,
-    foundation: RigidFoundation | None,
-    driven: Turn | None,
-) -> tuple[FloatArray, FloatArray]:
+def _ways(now: _Foot, then: _Foot, about: _Turns | None) -> tuple[FloatArray, FloatArray]:
     """`_along_arc` from the feet at the start of a step to those at its end.  Where foundation or body turn about an
     axis of the foundation, these are first turned by the angle between its nodes and the foundation, an arc of its
     own."""
-    about, arcs = _turns(now.x, motion, earlier, foundation, driven), np.zeros((2, *now.x.shape))
+    arcs = np.zeros((2, *now.x.shape))
     if about is not None:
         point, axis = about.point, about.axis
         left = _lag(then.x - point, now.x - point, about)[:, None]
@@ -196,7 +196,21 @@ def _ways(
 
 def _lag(then: FloatArray, now: FloatArray, about: _Turns) -> FloatArray:
     """Angles by which points (k, 3) lag behind the foundation, of places in its coordinates from the axis: by less than
-    half a turn they turn otherwise than the body, and by angles between 0 and those of body and foundation."""
+    half a turn they turn otherwise than the body, and by angles between 0 and those of body and foundation.
+
+    The angle of a point is also that of the translation of its body, which is no arc, and is taken off; but of points
+    that stick only as far as they have slipped, over the square of the angle: an arc leaves half of that of a way."""
+    own = _own_lag(then, now, about)
+    if not np.any(about.drawn):
+        return own
+    most = (about.body - about.foundation) ** 2 * np.linalg.norm(np.cross(about.axis, now), axis=1)
+    slipped = np.linalg.norm(now - then, axis=1)
+    sliding = np.divide(slipped, most, out=np.ones_like(most), where=slipped < most)
+    lag: FloatArray = own + sliding * (_own_lag(then, now - about.drawn, about) - own)
+    return lag
+
+
+def _own_lag(then: FloatArray, now: FloatArray, about: _Turns) -> FloatArray:
     axis = about.axis
     sine, cosine = np.cross(then, now) @ axis, np.einsum("ki,ki->k", then, now) - (then @ axis) * (now @ axis)
     other = about.foundation - about.body + np.arctan2(sine, cosine)
