@@ -277,17 +277,16 @@ class Iterate:
         """The translation in the step that supports and rigid faces prescribe for the body of a face, metres, shape
         (3,), nearest to that of their nodes; 0 along directions that are free, and of a body that they turn;
         collective."""
-        member, constraints, comm = self.body.face(face, "contact")[0], self.body.constraints, self.body.comm
         if self._turn(face) is not None:
             return np.zeros(3)
-        held, way = nonlinear(member.body).held, self.u[member.nodes] - self._before.displacement[member.nodes]
-        along, ways = held.projector.sum(axis=0), held.held_part(way).sum(axis=0)
-        for motion in constraints.motions:
+        member, way = self.body.face(face, "contact")[0], self.u - self._before.displacement
+        held = nonlinear(member.body).held
+        along, ways = held.projector.sum(axis=0), held.held_part(way[member.nodes]).sum(axis=0)
+        for motion in self.body.constraints.motions:
             if self.body.face(motion.given.face, "rigid face")[0] is member:
-                before, after = (motion.values(at, comm) for at in (self._before.time, self.time))
-                given = len(motion.nodes) * motion.given.prescribed[:3]
-                along, ways = along + np.diag(given), ways + given * (after - before)[:3]
-        total = Reductions(comm).total(np.concatenate([along.ravel(), ways]))
+                given = motion.given.prescribed[:3]
+                along, ways = along + len(motion.nodes) * np.diag(given), ways + given * way[motion.nodes].sum(axis=0)
+        total = Reductions(self.body.comm).total(np.concatenate([along.ravel(), ways]))
         drawn: FloatArray = np.linalg.pinv(total[:9].reshape(3, 3), rcond=_STILL) @ total[9:]
         return drawn
 
