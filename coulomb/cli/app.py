@@ -131,28 +131,29 @@ def run(
                 raise ValueError("--refine-for says which totals --refine-to is about: give both")
 
         with drawing_soon(settings) as renderer:
-            from .run_case import compute
+            from ..fem.contact import NothingOpposite
+            from .run_case import allows_large, compute
 
             target = directory or there or Path(settings.output.directory)
             try:
                 compute(session, settings, case, target, force, keep=keep, renderer=renderer, refinement=wanted)
-            except typer.Exit as end:
-                if end.exit_code != FAILED or not _too_large(settings, target):
+            except (typer.Exit, NothingOpposite) as end:
+                if isinstance(end, NothingOpposite):
+                    session.console.out(f"\n{end}; solved as large motions, in which they may meet\n")
+                elif end.exit_code != FAILED or not allows_large(settings) or not _too_large(target):
                     raise
-                session.console.out(
-                    "\nmotions are too large for the theory of small strains: solved again as large ones\n"
-                )
+                else:
+                    session.console.out(
+                        "\nmotions are too large for the theory of small strains: solved again as large ones\n"
+                    )
                 with bad_input():
                     deck = read_deck(file, ignored or (), large=True)
                     settings = read_case(file, [*(changes or ()), *more], deck)
                 compute(session, settings, case, target, force, keep=keep)
 
 
-def _too_large(settings: Case, target: Path) -> bool:
-    """Whether the answer of a deck that allows large motions does not count since motions are large; the same on every
-    rank."""
-    if settings.deck is None or not settings.deck.nonlinear or settings.solver.kinematics == "large":
-        return False
+def _too_large(target: Path) -> bool:
+    """Whether an answer does not count since motions are large; the same on every rank."""
 
     def outside() -> bool:
         with suppress(OSError, ValueError):

@@ -87,12 +87,13 @@ def showing_messages(of_information: Console) -> Iterator[None]:
 
 
 @contextmanager
-def bad_input(kind: type[ValueError] = ValueError) -> Iterator[None]:
-    """Turns an error of all ranks into its message and exit code 2; that of a few ranks only is raised."""
+def bad_input(kind: type[ValueError] = ValueError, but: tuple[type[ValueError], ...] = ()) -> Iterator[None]:
+    """Turns an error of all ranks, but those of some kinds, into its message and exit code 2; that of a few ranks only
+    is raised."""
     try:
         yield
     except kind as error:
-        if not ranks.all_arrive(_TOGETHER):
+        if isinstance(error, but) or not ranks.all_arrive(_TOGETHER):
             raise
         fail(str(error))
 

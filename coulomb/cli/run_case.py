@@ -24,6 +24,7 @@ from ..case.case import Case
 from ..case.record import case_record, case_text, refuse_another_case, write_case
 from ..contact_fields import normal_forces
 from ..fem.compilation import announce
+from ..fem.contact import NothingOpposite
 from ..fem.meshes import JoinedMesh, NamedMesh, gathered
 from ..fem.meshes import write as write_mesh
 from ..io import output
@@ -72,6 +73,11 @@ SOLVED_WHILE_LOADING: Final = 20_000
 processors a second thread of BLAS then delays both: 2.3 s in place of 2.0 s for demos/block.toml."""
 
 
+def allows_large(settings: Case) -> bool:
+    """Whether a deck is solved with small motions first, and with large ones where these are too large for that."""
+    return settings.deck is not None and settings.deck.nonlinear and settings.solver.kinematics != "large"
+
+
 def compute(
     session: Session,
     settings: Case,
@@ -98,7 +104,7 @@ def compute(
         settings = settings.model_copy(update={"small_strain": "warn"})
     with threadpool_limits(limits=1 if MPI.COMM_WORLD.size > 1 else None), _holding(target, MPI.COMM_WORLD):
         announce()
-        with bad_input():
+        with bad_input(but=(NothingOpposite,) if allows_large(settings) else ()):
             session.kept = "" if resume else refuse_to_replace(target, not keep, MPI.COMM_WORLD)
             settings, problem = prepared(settings, target, force, resume)
         problem.started = session.started

@@ -106,6 +106,28 @@ def test_motions_of_a_deck_in_steps_that_are_too_large_for_small_strains(tmp_pat
     assert forces == pytest.approx([210000.0 * 0.3, 210000.0 * 0.7 * (1.0 - 0.7**2) / 2.0], rel=1e-6)
 
 
+def test_faces_that_meet_in_large_motions(tmp_path, monkeypatch):
+    """A cube beside a smaller one is moved above it and presses it to the stretch s = 0.999: faces that are not
+    opposite before deformation were refused with NLGEOM, as they are without."""
+    monkeypatch.chdir(tmp_path)
+    text = CUBES.replace("210000., .3", "210000., 0.").replace("top, 1, 2\n", "").replace("*FRICTION\n.2, 1.E6\n", "")
+    places = {"x": (1.4, 2.6), "y": (-0.1, 1.1), "z": (0.0, 1.1, 2.1)}
+    for node in range(11, 19):
+        given = text.split(f"\n{node}, ")[1].split("\n")[0]
+        moved = ", ".join(str(of[int(x)]) for of, x in zip(places.values(), given.split(", "), strict=True))
+        text = text.replace(f"\n{node}, {given}\n", f"\n{node}, {moved}\n", 1)
+    text += "*NSET, NSET=upper, GENERATE\n11, 18\n"
+    step = STEP.format(".1, 1.\n*BOUNDARY\nupper, 1, 1, -1.5\nupper, 2, 2\nupper, 3, 3, -.101")
+    Path("small.inp").write_text(text + step)
+    assert "no part of it is opposite to" in run_coulomb("run", "small.inp", code=2).stderr
+    Path("deck.inp").write_text(text + step.replace("*STEP", "*STEP, NLGEOM"))
+    done = run_coulomb("run", "deck.inp", "--set", "output.picture=false")
+    assert "; solved as large motions, in which they may meet" in done.stdout
+    last = sorted(Path("results/deck/steps").iterdir())[-1] / "summary.json"
+    force = json.loads(last.read_text())["totals"]["normal_force"]
+    assert force == pytest.approx(210000.0 * 0.999 * (1.0 - 0.999**2) / 2.0, rel=1e-6)
+
+
 def test_a_refused_card_stops_the_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("deck.inp").write_text(PUSHED + "*CREEP\n1., 2., 3.\n")

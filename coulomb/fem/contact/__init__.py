@@ -26,6 +26,7 @@ from .overlaps import Obstacle, Overlap, Sides, Surface
 from .pair import (
     NO_SHAPE,
     Candidates,
+    NothingOpposite,
     Pair,
     Shape,
     bulges_at_points,

@@ -307,6 +307,10 @@ class Pair:
     remarks: tuple[str, ...] = ()
 
 
+class NothingOpposite(Refused):
+    """Of two faces no part is opposite to the other before deformation; in large motions they may meet."""
+
+
 def pair_of(
     elasticity: Deformable,
     face: str,
@@ -376,7 +380,7 @@ def pair_of(
             refuse_inside(face, slave, on_slave, against, master)
             refuse_inside(against, master, on_master, face, slave)
         if not large:
-            raise Refused(
+            raise NothingOpposite(
                 f"{what}: no part of it is opposite to {against!r}: the two must face each other, with outward normals "
                 "in opposite directions"
             )
