@@ -38,7 +38,7 @@ from .atomic_output import locked, refuse_to_replace, set_aside
 from .field_files import data_of, grids_of, mesh_at, parts_of_field
 from .result_grids import collections, names_of_sides
 from .run_directory import FIELDS, STEPS, SUMMARY, RunDirectory, step_place
-from .summary import LOOK_AT_GAP
+from .summary import LOOK_AT_GAP, NOT_UNIQUE
 
 
 class HistoryFiles:
@@ -409,9 +409,12 @@ def added(before: Entries, step: Mapping[str, Any]) -> Entries:
     overlap, compliance = float(max(before.get("overlap", 0.0), *overlaps, 0.0)), step["mean_compliance"]
     way = _number(largest["displacement"]["value"])
     rounding = 1e-12 * way**2 / compliance if compliance else 0.0
+    now = (f"at {record['time']:g} s: {text}" for text in step["remarks"])
+    not_unique = [text for text in (*before.get("remarks", ()), *now) if NOT_UNIQUE in text]
     remarks = [
         energy.warning(rounding, overlap if overlap > 1e-6 * way else 0.0),
         "" if touching or not tried else f"nothing touches in any load step: {LOOK_AT_GAP}",
+        *not_unique[:1],
     ]
     measures: dict[str, Any] = {name: _number(entry["value"]) for name, entry in largest_strain.items()}
     warnings = SmallStrain(**measures).warnings

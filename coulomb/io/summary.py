@@ -32,6 +32,7 @@ from ..version import __version__
 from .environment import versions
 from .locking import remarks_on_locking
 
+NOT_UNIQUE = "the equilibrium is not unique"
 LOOK_AT_GAP = "check the foundation's position and normal, and the unit of the mesh (scale)"
 """Advice if no node is in contact."""
 
@@ -148,12 +149,12 @@ def certificate_numbers(certificate: Certificate) -> dict[str, Any]:
 def remarks(solution: Solution) -> list[str]:
     """Remarks on an answer, besides its certificate and strains; collective."""
     over, problem = Reductions(solution.problem.comm), solution.problem
-    if over.max(solution.contact_force[0::3]) > 0.0:
-        motions = ", nor that ".join(undetermined(problem, solution.contact_force))
-        unique = f"the equilibrium is not unique: nothing resists that {motions}; the shortest is given"
-        return [*[unique] * bool(motions), *remarks_on_locking(solution)]
     if solution.result.status is Status.NO_EQUILIBRIUM:  # nothing was solved
         return []
+    motions = ", nor that ".join(undetermined(problem, solution.contact_force))
+    unique = [f"{NOT_UNIQUE}: nothing resists that {motions}; one of many is given"] * bool(motions)
+    if over.max(solution.contact_force[0::3]) > 0.0:
+        return [*unique, *remarks_on_locking(solution)]
     least = over.min(problem.surface.gap - problem.relative_displacement(solution.change)[:, 0])
     if any(check.name == "penetration" and not check.passed for check in solution.certificate.checks):
         return [
@@ -161,7 +162,7 @@ def remarks(solution: Solution) -> list[str]:
         ]
     least = max(least, 0.0)  # beyond rounding
     open_ = f"nothing touches: all contact nodes are open, the smallest gap is {amount(least)}; {LOOK_AT_GAP}"
-    return [open_, *remarks_on_locking(solution)]
+    return [open_, *unique, *remarks_on_locking(solution)]
 
 
 def material_entries(materials: Materials) -> list[dict[str, Any]]:

@@ -178,6 +178,11 @@ class DiscreteProblem:
         not known; collective."""
         return Stability(0, 0, np.zeros_like(self.elasticity.x))
 
+    def without_stiffness(self, x: FloatArray, R: FloatArray) -> FloatArray:
+        """The combinations (q, p) of free motions, unknowns (k + p, 3, q), that no stiffness resists under contact
+        forces x (3 m,): in small strains all; collective."""
+        return np.eye(R.shape[2])
+
     def slip_bound(self, x: FloatArray) -> FloatArray:
         """Bound of the friction force of every node at the forces x (3 m,), newtons, shape (m,)."""
         return self.law.radius(x[0::3])

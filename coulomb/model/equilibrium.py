@@ -15,6 +15,7 @@ from ..solvers.results import NotConverged, SolverResult, Status
 from ..solvers.rigid_motions import MotionBasis, RigidMotions
 from ..units import amount
 from .discrete_problem import DiscreteProblem
+from .foundation_load import with_foundations
 
 _PART: Final = 1e-6
 """Part of the loads, or of a motion, below which it is a rounding error."""
@@ -184,10 +185,17 @@ def running_away(problem: DiscreteProblem, result: SolverResult) -> str:
 
 
 def undetermined(problem: DiscreteProblem, x: FloatArray) -> Sequence[str]:
-    """The rigid motions that neither supports nor the contact forces x (3 m,) resist, in words; collective."""
-    if problem.rigid is None:
+    """The rigid motions that neither supports nor the contact forces x (3 m,) resist, nor in large motions stress and
+    loads as they turn, in words; collective."""
+    body, state, over = problem.elasticity, problem.state, Reductions(problem.comm)
+    own = body.free if problem.body.undeformed is None else body.unheld
+    free = with_foundations(own, state.loaded) if state.loaded else own
+    if not len(free):
         return ()
+    R = body.reduction.reduced(body.held.free_part(own.modes(body.x)))
     pressing, rubbing = x[0::3] > 0.0, problem.slip_bound(x) > 0.0
     resisting = np.column_stack([pressing, rubbing, rubbing]).ravel()
-    basis = MotionBasis(problem.rigid.G * resisting, Reductions(problem.comm))
-    return motions_in_words(problem.state.free, basis.free)
+    motions = MotionBasis(state.motions_at_contact(R) * resisting, over).free
+    if motions.shape[1] and len(own):
+        motions = motions @ problem.without_stiffness(x, R @ motions[-len(own) :])
+    return motions_in_words(free, motions)

@@ -33,7 +33,7 @@ from .certificate_scales import rounding_of_gaps
 from .contact_faces import StatePoints
 from .discrete_problem import DiscreteProblem
 from .problem_evidence import gather_evidence
-from .stability import Stability, stability
+from .stability import Stability, stability, without_stiffness
 from .state import State
 
 _OPPOSITE: Final = 1e-6
@@ -178,6 +178,10 @@ class Linearised(DiscreteProblem):
     def stability(self, x: FloatArray) -> Stability | None:
         """By the inertia of the tangent at this place; None if there are too many unknowns."""
         return stability(self.turning(self.bent(x), x), self.surface.free_B, x, self.law.frictional)
+
+    def without_stiffness(self, x: FloatArray, R: FloatArray) -> FloatArray:
+        stress = [nonlinear(member.body).strain_force(self._u[member.nodes]) for member in self.elasticity.members]
+        return without_stiffness(self.turning(self.bent(x), x), R, np.concatenate(stress))
 
     def _evidence(
         self,

@@ -225,22 +225,27 @@ class ContactState:
         A resultant below its own rounding is 0, as of the thermal forces of a body that expands freely, and so is the
         motion of contact points on the side of a bolt's section that supports hold.
         """
-        elasticity, loading, surface, free = self.elasticity, self.loading, self.surface, self.elasticity.free
+        elasticity, loading = self.elasticity, self.loading
         if not len(self.free):
             return None
         R = elasticity.free_unknowns
-        rows = [rows_of(surface.free_B, R[:, :, number]) for number in range(len(free))]
         load = elasticity.reduction.along(loading.load, loading.tension)
         each = [load, *(elasticity.reduction.along(one.forces) for one in elasticity.loads_in(loading))]
         sums = [np.einsum("kcq,kc->q", R, load), np.einsum("kcq,kc->q", np.abs(R), np.sum(np.abs(each), axis=0))]
         e, size = elasticity.comm.allreduce(np.array(sums))
         e = np.where(np.abs(e) <= _OF_DIFFERENCES * size, 0.0, e)
+        e = np.concatenate([*(one.load for one in self.loaded), e])
+        return RigidMotions(self.motions_at_contact(R), e, tuple(map(str, self.free.motions)))
+
+    def motions_at_contact(self, R: FloatArray) -> FloatArray:
+        """G: the motion of every contact point in the motions of foundations under load and, after them, of the bodies,
+        of unknowns R (k + p, 3, q), metres, a row each, shape (f + q, 3 m); collective."""
+        surface = self.surface
         moved = [(one.number, motion) for one in self.loaded for motion in one.motions]
         away = [-surface.components((surface.part == part)[:, None] * motion.at(surface.x)) for part, motion in moved]
-        G = np.reshape([*away, *rows], (len(self.free), -1))
-        G = np.where(np.abs(G) <= _UNMOVED, 0.0, G)
-        e = np.concatenate([*(one.load for one in self.loaded), e])
-        return RigidMotions(G, e, tuple(map(str, self.free.motions)))
+        rows = [rows_of(surface.free_B, R[:, :, number]) for number in range(R.shape[2])]
+        G = np.reshape([*away, *rows], (len(moved) + len(rows), -1))
+        return np.where(np.abs(G) <= _UNMOVED, 0.0, G)
 
 
 class LinearProblem:

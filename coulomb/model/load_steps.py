@@ -11,7 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray, Int32Array, in_words, unit_vectors
-from ..fem.bodies import Deformable, JoinedBodies, component_modes, free_motions, nonlinear
+from ..fem.bodies import Deformable, JoinedBodies, nonlinear
 from ..fem.contact import Ways, facet_patch, inside_of, into_foundation, through_each_other, two_sides
 from ..fem.geometry import RigidFoundation, rotation_matrix
 from ..fem.meshes import SEPARATOR
@@ -88,7 +88,7 @@ class LoadSteps:
         self.body, self.elasticity, self.remedy, self.stable = body, body.elasticity, 0, branch == "stable"
         self.damped, self.damping = False, 0.0
         self.answered: tuple[Deformable, Iterate] | None = None
-        self.held_by_contact = self._left_free()
+        self.held_by_contact = len(self.elasticity.unheld) > 0
         self._refuse_ties_across_gaps()
         self._refuse_sections_on_lines()
         self._warn_of_energies_by_turns()
@@ -251,14 +251,6 @@ class LoadSteps:
         no tangent has been other than positive definite."""
         again, self.damped = not self.damped and self.remedy > 0, True
         return again
-
-    def _left_free(self) -> bool:
-        """Whether supports and ties leave rigid motions, or loose bolts; collective."""
-        body = self.elasticity
-        component, names = body.moving_together
-        forces = body.reduction.prevented(component_modes(body.x, component, body.comm)[0])
-        motions = free_motions(body.x, component, names, forces, body.comm)
-        return len(body.constraints.opened(motions, body.component, body.component_names, np.zeros_like)) > 0
 
     def _refuse_ties_across_gaps(self) -> None:
         """Nodes of a tie follow across a distance as the ends of rigid arms, with the linear part of their rotations:

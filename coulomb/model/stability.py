@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import scipy.linalg
 from petsc4py import PETSc
 
 from ..arrays import BoolArray, FloatArray
@@ -30,6 +31,12 @@ _SIZE: Final = 600_000
 
 _INERTIA: Final = {"mat_mumps_icntl_13": 1, "mat_mumps_icntl_24": 1}
 """Of MUMPS: pivots of the root are counted on all ranks, and null pivots are found."""
+
+_ROUNDING: Final = 1e-13
+"""Energy of a rigid motion, over that of each of its displacements alone, up to which it is a rounding error."""
+
+_UNBALANCED: Final = 1e-7
+"""Part of the forces of the stress that may be out of balance."""
 
 _ROUNDS: Final = 12
 """Inverse iterations for the mode."""
@@ -65,6 +72,30 @@ def stability(body: Deformable, B: PETSc.Mat, x: FloatArray, frictional: BoolArr
         return Stability(smooth, 0, mode)
     count, mode = _negative(body, _held(body.K, B, pressing, frictional))
     return Stability(0, smooth, none) if count == 0 else Stability(count, 0, mode)
+
+
+def without_stiffness(body: Deformable, R: FloatArray, stress: FloatArray) -> FloatArray:
+    """The combinations (q, p) of rigid motions, unknowns (k + p, 3, q), that a tangent does not resist, beyond rounding
+    errors and what forces of the stress (k, 3), in newtons, may be out of balance; collective."""
+    K, over = body.K, Reductions(body.comm)
+    diagonal, (motion, force) = K.getDiagonal(), K.createVecs()
+    forces, moved = np.empty_like(R), body.reduction.displacement(R)
+    for number in range(R.shape[2]):
+        motion.array[:] = R[:, :, number].ravel()
+        K.mult(motion, force)
+        forces[:, :, number] = force.array_r.reshape(-1, 3) - body.anchoring * R[:, :, number]
+    stiff = diagonal.array_r.reshape(-1, 3)
+    per_length = np.linalg.norm(stress, axis=1) / float(np.max(over.extent(body.x)))
+    energy, rounding, unbalanced = over.totals(
+        np.einsum("kcp,kcq->pq", R, forces),
+        np.einsum("kc,kcp,kcq->pq", stiff, R, R),
+        np.einsum("k,kcp,kcq->pq", per_length, moved, moved),
+    )
+    for vector in (diagonal, motion, force):
+        vector.destroy()
+    limit = _ROUNDING * (rounding + _ROUNDING * np.trace(rounding) * np.eye(len(rounding))) + _UNBALANCED * unbalanced
+    sizes, ways = scipy.linalg.eigh(energy + energy.T, 2.0 * limit)
+    return ways[:, np.abs(sizes) <= 1.0]
 
 
 def _held(K: PETSc.Mat, B: PETSc.Mat, pressing: BoolArray, tangents: BoolArray) -> PETSc.Mat:

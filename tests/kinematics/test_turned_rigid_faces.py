@@ -8,8 +8,21 @@ from resumed_rows import rows_of
 from scipy.spatial.transform import Rotation
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Plane, PointLoad, PrescribedDisplacement, RigidFace
+from coulomb import (
+    Clamp,
+    Contact,
+    ContactProblem,
+    HistoryFiles,
+    LoadHistory,
+    Material,
+    Plane,
+    PointLoad,
+    PrescribedDisplacement,
+    RigidFace,
+)
+from coulomb.io.run_directory import RunDirectory
 from coulomb.kinematics import NeoHookean, StVenantKirchhoff
+from coulomb.model.equilibrium import undetermined
 
 RUBBER = NeoHookean(young=1e6, poisson=0.3)
 RAMP = ((0.0, 0.0), (1.0, 1.0))
@@ -52,6 +65,25 @@ def test_a_pressed_and_turned_face_is_the_same_as_its_nodes_prescribed_and_as_it
     (free,) = found.rigid_faces
     assert found.valid and np.abs(free.rotation - TURN).max() < 1e-8
     assert np.abs(free.force - face.force).max() < 1e-7 * size
+
+
+@pytest.mark.parametrize("kinematics", ["small", "large"])
+def test_a_lifted_body_that_may_spin_about_the_vertical_is_said_to_be_free_there(kinematics, tmp_path):
+    """Where it is pressed friction resists; where it hangs its weight resists that it swings in large motions."""
+    swings = None if kinematics == "large" else 0.0
+    way, turn = (0.0, 0.0, 1.0), (swings, swings, None)
+    lifted = RigidFace("top", translation=way, rotation=turn, amplitude=[(0, 0), (1, -0.01), (2, 0.01)])
+    floor = Contact("bottom", friction=0.4, foundation=Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+    rubber = NeoHookean(young=1e6, poisson=0.3, density=1e3) if kinematics == "large" else Material(1e6, 0.3, 1e3)
+    mesh, given = coulomb.box((1.0, 1.0, 0.6), (2, 2, 2)), {"kinematics": kinematics, "rigid_faces": [lifted]}
+    problem = ContactProblem(mesh, rubber, [], floor, gravity=(0.0, 0.0, -9.81), **given)
+    answers = []
+    LoadHistory([1.0, 2.0]).run(problem, HistoryFiles(tmp_path), on_step=lambda one: answers.append(one.solution))
+    named = [undetermined(one.problem, one.contact_force) for one in answers]
+    assert all(one.valid for one in answers) and named[0] == () and len(named[1]) == 1
+    assert "the body spins about z" in named[1][0]
+    said = [text for text in RunDirectory(tmp_path).read_summary()["history"]["remarks"] if "not unique" in text]
+    assert len(said) == 1 and said[0].startswith("at 2 s: ") and named[1][0] in said[0]
 
 
 def test_a_bar_under_a_moment_becomes_an_arc():

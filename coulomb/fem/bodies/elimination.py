@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import weakref
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Final, Self
 
@@ -195,13 +196,20 @@ class ReducedBodies(HeldNodes, ABC):
     def free(self) -> FreeMotions:
         """The rigid motions along which contact alone holds it."""
         if self._made.free is None:
-            component, names = self.moving_together
-            modes, _ = component_modes(self.x, component, self.comm)
-            forces = self.reduction.prevented(modes) + self.resisted(modes)
-            motions = free_motions(self.x, component, names, forces, self.comm)
-            of_bodies = self.component, self.component_names, self.resisted
-            self._made.free = self.constraints.opened(motions, *of_bodies)
+            self._made.free = self._rigid_motions(self.resisted)
         return self._made.free
+
+    @property
+    def unheld(self) -> FreeMotions:
+        """The rigid motions that supports and ties allow, whatever springs and stress resist of them; collective."""
+        return self._rigid_motions(np.zeros_like)
+
+    def _rigid_motions(self, resisted: Callable[[FloatArray], FloatArray]) -> FreeMotions:
+        """Those that neither supports and ties nor what is `resisted` prevent, with loose bolts; collective."""
+        component, names = self.moving_together
+        modes, _ = component_modes(self.x, component, self.comm)
+        motions = free_motions(self.x, component, names, self.reduction.prevented(modes) + resisted(modes), self.comm)
+        return self.constraints.opened(motions, self.component, self.component_names, resisted)
 
     @property
     def K(self) -> PETSc.Mat:
