@@ -16,7 +16,7 @@ from ..linalg.reductions import Reductions
 from .driver import Answer, drive
 from .equilibrium import balanced_forces
 from .friction_problem import FrictionProblem, Solver, SolverSettings, Task
-from .interior_point import InteriorPoint
+from .interior_point import InteriorPoint, smallest_force
 from .newton_systems import AugmentedSystem
 from .results import Goal, NotConverged, OuterStep, Progress, SolverResult, Status
 from .settings import within
@@ -102,7 +102,14 @@ class SuccessiveTresca(SolverSettings):
 
     def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
         steps = _Steps(self, problem, task)
-        return steps.result(drive(steps, task.goal, steps.history, self.max_iterations))
+        result = steps.result(drive(steps, task.goal, steps.history, self.max_iterations))
+        if result.status in (Status.CONVERGED, Status.INTERRUPTED):
+            return result
+        # Below self-locking without loads slip bounds decrease, and with them the forces by which they are judged
+        least = smallest_force(problem, task.goal)
+        if least is None or least.status is not Status.CONVERGED:
+            return result
+        return replace(least, outer_steps=result.outer_steps, newton_steps=result.newton_steps, history=result.history)
 
 
 class _Steps:
