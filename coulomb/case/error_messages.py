@@ -16,6 +16,7 @@ from typing_extensions import TypeAliasType
 
 from .contact import BY_PRESSURE, BY_SLIP_RATE, FACE, FACES
 from .curves import CURVE, ROWS_ALONE, CurveTable, columns_of
+from .loads import FORCES, ONE_FORCE
 from .material import ONE, ONE_NUMBER, SEVERAL, THREE_NUMBERS
 from .synonyms import example, in_its_place, right
 from .values import EXPRESSION, FIELD, ISOTROPIC, NUMBER, ORTHOTROPIC, TOLERANCE, TWO_NUMBERS
@@ -31,7 +32,7 @@ _FIRST_KEY = {
 
 _TAGS = (
     *(ONE, SEVERAL, FACE, FACES, ISOTROPIC, ORTHOTROPIC, BY_SLIP_RATE, BY_PRESSURE, CURVE, ROWS_ALONE),
-    *(NUMBER, EXPRESSION, FIELD, ONE_NUMBER, TWO_NUMBERS, THREE_NUMBERS),
+    *(NUMBER, EXPRESSION, FIELD, ONE_NUMBER, TWO_NUMBERS, THREE_NUMBERS, ONE_FORCE, FORCES),
 )
 """Alternatives in the place of an error, which the user does not write."""
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BeforeValidator, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 import coulomb
 
 from .curves import AmplitudeTable, amplitude_of, in_radians
 from .foundations import FoundationTable, surface_of
 from .values import (
+    ROWS,
     Direction,
     Name,
     NodesValue,
@@ -218,16 +219,41 @@ class PointLoadTable(Table):
         return coulomb.PointLoad(self.face, self.force, self.moment, self.point, amplitude_of(self.amplitude))
 
 
-class NodalForceTable(PlacedTable):
-    """Force in newtons at every one of some nodes."""
+ONE_FORCE, FORCES = "one force", "forces"
 
-    force: Vector
+
+def _count(given: Any) -> str:
+    several = isinstance(given, list | tuple) and any(isinstance(one, list | tuple) for one in given)
+    return FORCES if several else ONE_FORCE
+
+
+ForcesValue = Annotated[
+    Annotated[Vector, Tag(ONE_FORCE)]
+    | Annotated[tuple[Vector, ...], Field(min_length=1, max_length=ROWS), Tag(FORCES)],
+    Discriminator(_count),
+]
+
+
+class NodalForceTable(PlacedTable):
+    """Force in newtons at every one of some nodes, or one for each of their numbers."""
+
+    force: ForcesValue
     amplitude: AmplitudeTable | None = None
+
+    @model_validator(mode="after")
+    def _one_for_each(self) -> NodalForceTable:
+        nodes = self.nodes if isinstance(self.nodes, tuple) and not isinstance(self.nodes[0], tuple) else ()
+        if isinstance(self.force[0], tuple) and len(self.force) != len(nodes):
+            raise ValueError(f"there are {len(self.force)} forces for {len(nodes)} numbers of nodes: give one for each")
+        if isinstance(self.force[0], tuple) and len(set(nodes)) < len(nodes):
+            raise ValueError("a node is given twice: give each once, with the sum of its forces")
+        return self
 
     def load(self) -> NodalForce:
         from ..fem.bodies import NodalForce
 
-        return NodalForce(self.face, self.force, amplitude_of(self.amplitude))
+        numbers = _numbers_of(self.nodes or ()) if isinstance(self.force[0], tuple) else None
+        return NodalForce(self.face, self.force, amplitude_of(self.amplitude), numbers)
 
 
 class VolumeForceTable(Table):
@@ -266,9 +292,14 @@ def with_nodes(mesh: coulomb.NamedMesh | JoinedMesh, tables: Iterable[PlacedTabl
         if isinstance(table.nodes[0], tuple):
             one = one.with_nodes(name, at=table.nodes)
         else:
-            one = one.with_nodes(name, numbers=[int(str(node).rpartition(SEPARATOR)[2]) for node in table.nodes])
+            one = one.with_nodes(name, numbers=_numbers_of(table.nodes))
         mesh = one if isinstance(mesh, coulomb.NamedMesh) else JoinedMesh({**mesh.bodies, body: one})
     return mesh
+
+
+def _numbers_of(nodes: Iterable[object]) -> tuple[int, ...]:
+    """Their numbers in the mesh file, without their body."""
+    return tuple(int(str(node).rpartition(":")[2]) for node in nodes)
 
 
 class HeatTable(Table):

@@ -3,6 +3,8 @@ place: a number, an expression as text, or a field of a file."""
 
 from __future__ import annotations
 
+import zlib
+from collections.abc import Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 
@@ -184,16 +186,26 @@ NodesValue = Annotated[
 
 
 def called_nodes(given: Any) -> str:
-    """What nodes are called: the name of their set, or "nodes 11, 12 and 7 more", after the body of "body:11"."""
+    """What nodes are called: the name of their set, or "nodes 11, 12 and 7 more", after the body of "body:11"; with a
+    checksum of all where not all are named."""
     if not isinstance(given, list | tuple):
         return str(given)
     if given and isinstance(given[0], list | tuple):
         first = ", ".join(f"{x:g}" if isinstance(x, int | float) else str(x) for x in given[0])
-        return f"nodes at ({first})" + (f" and {len(given) - 1} more places" if len(given) > 1 else "")
+        return f"nodes at ({first})" + (f" and {len(given) - 1} more places, {_checksum(given)}" if given[1:] else "")
     body, colon, _ = str(given[0]).rpartition(":")
     numbers = [str(node).rpartition(":")[2] for node in given]
-    more = f" and {len(numbers) - 4} more" if len(numbers) > 5 else ""
+    more = f" and {len(numbers) - 4} more, {_checksum(given)}" if len(numbers) > NAMED else ""
     return f"{body}{colon}nodes {', '.join(numbers[:4] if more else numbers)}{more}"
+
+
+NAMED: Final = 5
+"""Nodes that are named one by one."""
+
+
+def _checksum(given: Sequence[Any]) -> str:
+    """That differs for other nodes, which may have the same first ones."""
+    return f"{zlib.crc32(repr([list(one) if isinstance(one, tuple) else one for one in given]).encode()):08x}"
 
 
 FileName = Annotated[str, Field(min_length=1, max_length=1000), AfterValidator(_printable)]

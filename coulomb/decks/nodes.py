@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterable, Iterator
 from typing import Any, Final
@@ -9,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..arrays import FloatArray, IntArray, as_list
+from ..case.values import NAMED
 from .cards import Card, key_of
 from .constraints import Constraints
 from .heat import is_temperature
@@ -257,6 +259,28 @@ class NodalTables:
 
     def _nodes_in(self, body: str) -> set[int]:
         return set(as_list(self._of.nodes_of(self._of.bodies[body])))
+
+
+def together(forces: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Tables of nodal forces, those on more numbered nodes than are named, with the same course in time, as one, with
+    the sum for each node."""
+    left = [table for table in forces if isinstance(table["nodes"], str)]
+    by_course: dict[str, list[dict[str, Any]]] = {}
+    for table in forces:
+        if not isinstance(table["nodes"], str):
+            body = str(table["nodes"][0]).rpartition(":")[0]
+            course = {key: value for key, value in table.items() if key not in ("nodes", "force")}
+            by_course.setdefault(json.dumps([body, course], sort_keys=True), []).append(table)
+    for tables in by_course.values():
+        sums: dict[Any, FloatArray] = {}
+        for node, force in ((node, table["force"]) for table in tables for node in table["nodes"]):
+            sums[node] = sums.get(node, np.zeros(3)) + force
+        if len(tables) == 1 or len(sums) <= NAMED:
+            left += tables
+        else:
+            rows = [[float(one) for one in force] for force in sums.values()]
+            left.append({**tables[0], "nodes": list(sums), "force": rows})
+    return left
 
 
 def _same(track: Track) -> tuple[Rows, *_Limits]:

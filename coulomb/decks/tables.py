@@ -23,7 +23,7 @@ from .geometry_file import read_geometry
 from .heat import Heat
 from .loads import Loads
 from .materials import directions_of, has_several, material_of, moduli_of
-from .nodes import NodalTables
+from .nodes import NodalTables, together
 from .reading import Reading
 from .rigid_surfaces import RIGID
 from .springs import spring_tables
@@ -143,6 +143,8 @@ class _Translator:
                 table.setdefault("expansion", 0.0)
         for name, more in constraints.tables().items():
             tables.setdefault(name, []).extend(more)
+        if "nodal_force" in tables:
+            tables["nodal_force"] = together(tables["nodal_force"])
         springs, links = spring_tables(self.of)
         for name, of_springs in (("spring", springs), ("equation", links)):
             if of_springs:

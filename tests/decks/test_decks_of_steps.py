@@ -137,6 +137,17 @@ def test_what_is_loaded_twice_by_a_set_is_refused(tmp_path):
     assert sum(len({"top": range(4)}.get(str(one["nodes"]), one["nodes"])) for one in forces) == 8
 
 
+def test_forces_of_single_nodes_are_one_load(tmp_path):
+    """A force for each of many nodes, as of a pressure: more than 1000 cards were refused."""
+    cards = "".join(f"{node}, {dof}, {node + 100 * dof}.\n" for node in (*range(11, 19), 11) for dof in (1, 3))
+    once = tables_of(tmp_path, CUBES + STEP.format("*CLOAD\n" + cards)).tables["nodal_force"]
+    (forces,) = once
+    assert forces["nodes"] == list(range(11, 19)) and "amplitude" not in forces
+    again = [2.0 if node == 11 else 1.0 for node in forces["nodes"]]
+    expected = [[a * (node + 100), 0.0, a * (node + 300)] for node, a in zip(forces["nodes"], again, strict=True)]
+    assert forces["force"] == expected
+
+
 GROUND = "*NODE\n91, 0, 0, 3\n*ELEMENT, TYPE=SPRING2, ELSET=s\n101, 15, 91\n*SPRING, ELSET=s\n3, 3\n9.\n"
 
 

@@ -130,10 +130,16 @@ class DisplacementSpace:
 
     def nodes_at(self, points: Int32Array) -> Int32Array:
         """This rank's nodes at nodes of the mesh's geometry, where these are the same, sorted."""
-        chosen = np.zeros(len(self.domain.geometry.x), dtype=bool)
-        chosen[points] = True
-        nodes = np.unique(compat.cell_dofs(self.V)[chosen[compat.cell_geometry(self.domain)]])
-        return nodes[nodes < self._owned].astype(np.int32)
+        nodes = self.node_of_point[points]
+        return np.sort(nodes[nodes >= 0])
+
+    @cached_property
+    def node_of_point(self) -> Int32Array:
+        """This rank's node at each node of the mesh's geometry, where these are the same; -1 at those of others."""
+        nodes = np.full(len(self.domain.geometry.x), -1, dtype=np.int32)
+        nodes[compat.cell_geometry(self.domain)] = compat.cell_dofs(self.V)
+        nodes[nodes >= self._owned] = -1
+        return nodes
 
     def in_cells(self, facets: Int32Array) -> tuple[Int32Array, IntArray]:
         """The cells of those boundary facets that this rank owns, ascending, shape (f,), and which nodes of its cell

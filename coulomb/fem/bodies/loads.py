@@ -216,27 +216,40 @@ class PointLoad:
 
 
 @dataclass(frozen=True)
-class NodalForce(TotalForce):
+class NodalForce:
     """A force at every one of some nodes.
 
     Attributes:
         face: Name of a set of nodes of the mesh, or of a face, all of whose nodes have the force.
-        force: Force at each in newtons, shape (3,).
+        force: Force at each in newtons, shape (3,), or (q, 3) with numbers.
         amplitude: Factor of the force as a function of time: a number, a function, a table or a `LoadCurve`.
+        numbers: Of all nodes of the set in the mesh file, each with a force of its own, shape (q,).
 
     Raises:
         ValueError: If the force has not three finite components.
     """
 
+    face: str
+    force: Sequence[float] | Sequence[Sequence[float]]
+    amplitude: Amplitude = 1.0
+    numbers: Sequence[int] | None = None
+
     kind = "nodal force"
 
+    def __post_init__(self) -> None:
+        for force in (self.force,) if self.numbers is None else self.force:
+            three(force, f"{load_title(self)}: the force", "numbers, newtons")
+
     def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
-        sets = mesh.node_sets
-        nodes = (
-            body.nodes_at(sets[self.face]) if self.face in sets else body.nodes_of(mesh.facets(self.face, self.kind))
-        )
-        forces = np.zeros_like(body.x)
-        forces[nodes] = mesh.shares_at(body.x[nodes])[:, None] * np.asarray(self.force, dtype=np.float64)
+        points, given, forces = mesh.node_sets.get(self.face), np.asarray(self.force, dtype=np.float64), body.x * 0.0
+        if points is None:
+            nodes = body.nodes_of(mesh.facets(self.face, self.kind))
+        elif self.numbers is None:
+            nodes = body.nodes_at(points)
+        else:
+            points = points[body.node_of_point[points] >= 0]
+            nodes, given = body.node_of_point[points], given[mesh.rows_of(self.numbers)[points]]
+        forces[nodes] = mesh.shares_at(body.x[nodes])[:, None] * given
         return forces
 
 
@@ -378,14 +391,10 @@ class NodeTemperatures:
                 known = ", ".join(map(repr, (*mesh.node_sets, *mesh.cells))) or "none at all"
                 raise ValueError(f"temperature: there is no set of nodes or group of cells {nodes!r}; there is {known}")
         if singly:
-            ordered = np.array(sorted(singly), dtype=np.int64)
-            place = np.minimum(np.searchsorted(ordered, numbers), len(ordered) - 1)
-            here = ordered[place] == numbers
-            at_points[here] = np.array([singly[node] for node in ordered])[place[here]]
-            present = np.zeros(len(ordered), dtype=np.int64)
-            present[place[here]] = 1
-            missing = ordered[comm.allreduce(present) == 0]
-            if len(missing):
+            asked = np.array(list(singly))
+            row = np.full(len(numbers), -1) if mesh.node_numbers is None else mesh.rows_of(asked)
+            at_points[row >= 0] = np.array(list(singly.values()))[row[row >= 0]]
+            if len(missing := asked[comm.allreduce(np.bincount(row[row >= 0], minlength=len(asked))) == 0]):
                 raise ValueError(f"temperature: no cell of the mesh file has a node of the number {missing[0]}")
         widths = (count for count in (27, 20, 10) if count <= on.shape[1])
         whole = (w for w in widths if comm.allreduce(bool(np.all(numbers[on[:, :w]] > 0)), op=MPI.LAND))

@@ -151,6 +151,15 @@ class NamedMesh:
         """This rank's own cells of a group; ValueError, beginning with `what`, if there is none."""
         return _named(self.cells, cells, what, "cell group", self.file)
 
+    def rows_of(self, numbers: npt.ArrayLike) -> IntArray:
+        """Which of some numbers every point of this rank has, in the mesh file (`node_numbers`) or of the arrays that
+        the mesh was made of, shape (p,); -1 without one of them."""
+        own = self.domain.geometry.input_global_indices if self.node_numbers is None else self.node_numbers
+        given = np.append(np.asarray(numbers, dtype=np.int64), -1)
+        order = np.argsort(given)
+        row = order[np.minimum(np.searchsorted(given, own, sorter=order), len(order) - 1)]
+        return np.where(given[row] == own, row, -1)
+
     def with_nodes(
         self, name: str, at: npt.ArrayLike | Callable[[FloatArray], npt.ArrayLike] | None = None, numbers: Any = None
     ) -> NamedMesh:
@@ -173,13 +182,11 @@ class NamedMesh:
             raise ValueError(f"{what}: the name must be text, and not that of a face")
         if (at is None) == (numbers is None):
             raise ValueError(f"{what}: give either places of nodes (at) or their numbers")
-        x, in_file = self.domain.geometry.x, self.node_numbers
-        if in_file is None:
-            in_file = np.asarray(self.domain.geometry.input_global_indices, dtype=np.int64)
+        x = self.domain.geometry.x
         own = np.arange(len(x)) < self.domain.geometry.index_map().size_local
         if numbers is not None:
             given = np.unique(on_all_ranks(lambda: np.asarray(numbers, dtype=np.int64), what, self.comm))
-            here = np.isin(in_file, given)
+            here = self.rows_of(given) >= 0
             count = self.comm.allreduce(int(np.sum(here & own)))
             missing = f"{len(given) - count} of its {len(given)} nodes belong to no cell" if count < len(given) else ""
         elif callable(at):

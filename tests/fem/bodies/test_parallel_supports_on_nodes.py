@@ -11,6 +11,7 @@ from ranks import same_error
 
 import coulomb
 from coulomb import Clamp, Elasticity, Plane, PrescribedDisplacement, PrescribedRotation, SymmetryPlane, Traction
+from coulomb.case.case import Case
 from coulomb.fem.meshes import refined
 from coulomb.solvers import DirectSolver, IterativeSolver
 
@@ -89,6 +90,35 @@ def test_numbers_are_those_of_the_file(tmp_path):
     wanted = np.unique(np.concatenate(comm.allgather(number[mesh.domain.geometry.x[:, 0] < 1e-9])))
     body = Elasticity(mesh.with_nodes("start", numbers=wanted), STEEL, [Clamp("start")])
     assert np.array_equal(body.held.nodes, Elasticity(mesh, STEEL, [Clamp("left")]).held.nodes)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_every_node_has_the_force_of_its_number(degree):
+    """In the order in which they are given; and nodes with the same first four numbers are not the same ones."""
+    mesh = coulomb.box(SIZE, (3, 2, 2), degree=degree)
+    number = np.asarray(mesh.domain.geometry.input_global_indices)
+    pairs = np.concatenate(comm.allgather(np.column_stack([number, mesh.domain.geometry.x])))
+    chosen = pairs[np.unique(pairs[:, 0], return_index=True)[1]][::-2]
+    numbers, x = chosen[:, 0].astype(int).tolist(), chosen[:, 1:]
+    each = {"nodes": numbers, "force": (x @ np.diag([1.0, -2.0, 3.0])).tolist()}
+    box = {"box": SIZE, "cells": (3, 2, 2), "degree": degree}
+    same = [{"nodes": numbers[:4] + numbers[4 + k : 24 : 2], "force": [0.0, 0.0, 1.0 + k]} for k in (0, 1)]
+    case = Case.model_validate(
+        {
+            **{"mesh": box, "material": {"young": 1e9, "poisson": 0.3}, "contact": {"face": "bottom", "friction": 0.1}},
+            "nodal_force": [each, *same],
+        }
+    )
+    body = case.problem(comm).body.elasticity
+    all_of_them = np.isin(np.round(body.x, 9), np.round(x, 9)).all(axis=1)
+    forces, *others = (applied.nodal_force for applied in body.loads)
+    here = np.linalg.norm(forces, axis=1) > 0.0
+    assert np.allclose(forces[here], body.x[here] * [1.0, -2.0, 3.0]) and not np.any(here & ~all_of_them)
+    assert np.allclose(comm.allreduce(forces.sum(axis=0)), x.sum(axis=0) * [1.0, -2.0, 3.0])
+    for given, other in zip(same, others, strict=True):
+        places = x[[numbers.index(node) for node in given["nodes"]]]
+        moment = comm.allreduce(np.cross(body.x, other).sum(axis=0))
+        assert np.allclose(moment, np.cross(places.sum(axis=0), given["force"]))
 
 
 def test_a_node_set_of_a_file_that_is_no_face(tmp_path):
