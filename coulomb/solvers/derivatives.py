@@ -31,9 +31,6 @@ _ACCURACY = (1e-12, 1e-10)
 _FORMED: Final = 4000
 """Contact unknowns up to which the systems have A as a matrix, where it is at hand."""
 
-_STIFF: Final = 4.0
-"""Stiffness of the springs of multigrid over that of the body at a node: 1 and 16 take a tenth more iterations."""
-
 _SOLVED: Final = 1e-6
 """Relative residual of such a system above which it is singular, nearly."""
 
@@ -313,8 +310,7 @@ class AnswerDerivatives(SemismoothIteration):
         self._slope = self._problem.law.slope(x[0::3])
         free = A.matrix_free
         if free is not None and free.stiffened and not len(self._e) and self._over.any(len(x) > 0):
-            gives = free.local.mean(axis=1) / (_STIFF * self._a)
-            self._inverse = sprung = SprungInverse(np.where(gives > 0.0, gives, self._local))
+            self._inverse = sprung = SprungInverse.at_points(free, self._a, self._local)
             sprung.move(self._at)
             self._body = free.elimination(sprung.springs(self._at) / self._a)
 

@@ -54,7 +54,7 @@ def test_the_error_says_what_failed_and_the_last_iterate_is_kept(steps, interrup
     if steps == 0:
         limited(problem, 1)
     with pytest.raises(NotConverged) as failure:
-        problem.solve(progress=progress)
+        problem.solve(solver=coulomb.InteriorPoint(), progress=progress)
     said = SAID.search(str(failure.value))
     assert said and int(said[1]) == 1
     result = failure.value.result

@@ -6,8 +6,9 @@ import pytest
 from mpi4py import MPI
 
 import coulomb
-from coulomb.linalg.compliance import DirectSolver, IterativeSolver
+from coulomb.linalg.compliance import DirectSolver, IterativeSolver, MatrixFreeCompliance
 from coulomb.linalg.compliance.coupled import CoupledKrylov
+from coulomb.solvers.semismooth_newton import SemismoothNewton
 
 COMM = MPI.COMM_WORLD
 
@@ -45,6 +46,32 @@ POSED = {
 }
 if COMM.size == 1:
     POSED |= {"second order": (lambda solver: pair(solver, degree=2), 1e-10, 22), "sheet": (sheet, 1e-8, 10)}
+
+
+def test_semismooth_steps_take_few_cycles_and_one_product(monkeypatch):
+    """From the end of the path: a product by A for each of their iterations would take two to three cycles."""
+    products, steps, applied, solved = [], [], MatrixFreeCompliance.mult, SemismoothNewton._solved
+
+    def counted(self, *arguments):
+        products.append(self)
+        applied(self, *arguments)
+
+    def finished(self, problem, task):
+        products.clear()
+        result = solved(self, problem, task)
+        steps.append((result.status, len(products), sum(one.krylov for one in result.history)))
+        return result
+
+    monkeypatch.setattr(MatrixFreeCompliance, "mult", counted)
+    monkeypatch.setattr(SemismoothNewton, "_solved", finished)
+    for hard in (1.0, 1e3, 1e-3):
+        steps.clear()
+        answer = pair(IterativeSolver, hard).solve(1e-9)
+        ((status, made, iterations),) = steps
+        assert status is coulomb.Status.CONVERGED and made == 0 and 0 < iterations <= 60
+        exact = pair(DirectSolver, hard).solve(1e-11)
+        size = COMM.allreduce(np.max(np.abs(exact.displacement), initial=0.0), MPI.MAX)
+        assert answer.certificate.passed and np.allclose(answer.displacement, exact.displacement, 0.0, 1e-7 * size)
 
 
 @pytest.mark.parametrize("name", POSED)

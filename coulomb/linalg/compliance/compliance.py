@@ -368,6 +368,18 @@ class MatrixFreeCompliance(LimitedProducts):
         self.mult_incremental(x, np.empty_like(x), tolerance)
         v.array[:] = -self._last.array_r
 
+    def left_over(self, x: FloatArray) -> FloatArray:
+        """f - B^T x - K u of the last displacement u, newtons, shape (n,); collective."""
+        self.forces(x, self._rhs)
+        self._solver.multiply(self._last, self._u)
+        left: FloatArray = -self._rhs.array_r - self._u.array_r
+        return left
+
+    def move(self, x: FloatArray, du: FloatArray) -> None:
+        """The last displacement and its change du (n,) in metres are one under x."""
+        self._last.array[:] += du
+        self.latest, self._accurate = x.copy(), None
+
     def guess(self, v: PETSc.Vec) -> None:
         """An approximation of K^-1 (B^T x - f) for the next x: `mult_incremental` starts there."""
         self._last.array[:] = -v.array_r

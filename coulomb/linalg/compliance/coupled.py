@@ -112,10 +112,14 @@ class CoupledKrylov:
         rows: Weights of the equations of the contact points, shape (m, 3),
         weight: and of those of displacements.
         together: Whether right-hand sides are solved for together, as far as they do not depend on each other.
+        most: Iterations for a right-hand side, at most; by default as many as systems take that are not singular.
 
     Attributes:
         rows, weight: As the arguments.
+        iterations: Of all solutions.
     """
+
+    iterations = 0
 
     def __init__(
         self,
@@ -128,7 +132,9 @@ class CoupledKrylov:
         rows: FloatArray,
         weight: float,
         together: bool = True,
+        most: int | None = None,
     ):
+        self._restarts, self._kept = (_CYCLES, _KEPT) if most is None else (1, most)
         self._body, self._a, self._constraints, self._forces = body, a, constraints, forces
         self._equations, self._inverse, self.rows, self.weight = equations, inverse, rows, weight
         self._over, self._together = Reductions(constraints.comm), together
@@ -194,15 +200,16 @@ class CoupledKrylov:
         sizes[some] = [self._over.norm(left[number]) for number in some]
         before: FloatArray = np.full(len(right), np.inf)
         going = np.isin(np.arange(len(right)), some) & (sizes > atol)
-        for _ in range(_CYCLES):
+        for _ in range(self._restarts):
             wrong = np.flatnonzero(going)
             if not len(wrong):
                 break
-            spaces = [_Space(self._over, left[number]) for number in wrong]
-            for _ in range(_KEPT):
+            spaces = [_Space(self._over, left[number], self._kept) for number in wrong]
+            for _ in range(self._kept):
                 moving = [one for one, number in zip(spaces, wrong, strict=True) if one.left > atol[number]]
                 if not moving:
                     break
+                self.iterations += len(moving)
                 for one, z in zip(moving, self._preconditioned(np.array([one.latest for one in moving])), strict=True):
                     one.add(z, self._image(z))
             for number, one in zip(wrong, spaces, strict=True):  # of large parts that cancel rounding errors are left
@@ -292,12 +299,12 @@ class _Space:
         left: Norm of the residual of the best combination.
     """
 
-    def __init__(self, over: Reductions, right: FloatArray):
+    def __init__(self, over: Reductions, right: FloatArray, kept: int):
         self._over, self._size, self._count = over, over.norm(right), 0
         self._v, self._z = (
-            np.empty((_KEPT + more, len(right))) for more in (1, 0)
+            np.empty((kept + more, len(right))) for more in (1, 0)
         )  # memory is taken as rows are filled
-        self._v[0], self._parts = right / self._size, np.zeros((_KEPT + 1, _KEPT))
+        self._v[0], self._parts = right / self._size, np.zeros((kept + 1, kept))
         self.left = self._size
 
     @property
