@@ -195,12 +195,8 @@ def called_nodes(given: Any) -> str:
         return f"nodes at ({first})" + (f" and {len(given) - 1} more places, {_checksum(given)}" if given[1:] else "")
     body, colon, _ = str(given[0]).rpartition(":")
     numbers = [str(node).rpartition(":")[2] for node in given]
-    more = f" and {len(numbers) - 4} more, {_checksum(given)}" if len(numbers) > NAMED else ""
+    more = f" and {len(numbers) - 4} more, {_checksum(given)}" if len(numbers) > 5 else ""
     return f"{body}{colon}nodes {', '.join(numbers[:4] if more else numbers)}{more}"
-
-
-NAMED: Final = 5
-"""Nodes that are named one by one."""
 
 
 def _checksum(given: Sequence[Any]) -> str:

@@ -10,7 +10,6 @@ from typing import Any, Final
 import numpy as np
 
 from ..arrays import FloatArray, IntArray, as_list
-from ..case.values import NAMED
 from .cards import Card, key_of
 from .constraints import Constraints
 from .heat import is_temperature
@@ -29,6 +28,9 @@ _LETTERS: Final = " xyz"
 _ON_AXIS: Final = 1e-9
 """Distance of a node from the axis of its frame, over the length of the vector that gives it, up to which it is on
 it."""
+
+_SINGLY: Final = 5
+"""Nodes with forces of the same course in time that have tables of their own."""
 
 _Key = tuple[int, int]  # node, degree of freedom
 
@@ -262,7 +264,7 @@ class NodalTables:
 
 
 def together(forces: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Tables of nodal forces, those on more numbered nodes than are named, with the same course in time, as one, with
+    """Tables of nodal forces, those on more than a few numbered nodes, with the same course in time, as one, with
     the sum for each node."""
     left = [table for table in forces if isinstance(table["nodes"], str)]
     by_course: dict[str, list[dict[str, Any]]] = {}
@@ -275,7 +277,7 @@ def together(forces: list[dict[str, Any]]) -> list[dict[str, Any]]:
         sums: dict[Any, FloatArray] = {}
         for node, force in ((node, table["force"]) for table in tables for node in table["nodes"]):
             sums[node] = sums.get(node, np.zeros(3)) + force
-        if len(tables) == 1 or len(sums) <= NAMED:
+        if len(tables) == 1 or len(sums) <= _SINGLY:
             left += tables
         else:
             rows = [[float(one) for one in force] for force in sums.values()]
