@@ -146,7 +146,8 @@ def test_counts_of_two_ranks(benchmark):
     assert (count["unknowns"], count["contact"], count["ranks_without_contact"]) == (480, 108, 0)
     assert 2.0 <= count["collectives_per_multigrid_iteration"] < 8.0  # with those at the start of a solve
     assert count["messages_per_multigrid_iteration"] >= 1.0 and count["kilobytes_per_multigrid_iteration"] > 0.1
-    assert 10.0 < count["collectives_per_newton_step"] < 150.0 and 1.0 <= count["contact_imbalance"] <= 2.0
+    # semismooth steps have a system of 10 to 20 iterations each
+    assert 10.0 < count["collectives_per_newton_step"] < 250.0 and 1.0 <= count["contact_imbalance"] <= 2.0
     assert cells_per_metre(10_000) == 10 and cells_per_metre(41_616) == 16
 
 

@@ -79,5 +79,5 @@ def test_forces_that_steps_do_not_settle_are_unresolved(monkeypatch):
         patched.setattr(automatic, "_ACCEPTED", 1.0)
         with pytest.raises(NotConverged, match=r"forces are unresolved: .* wrong by about [1-9]\.\de-0[56] of the"):
             settled(posed, result, stiffness, 1e-8)
-    monkeypatch.setattr(automatic, "_OF_ROUNDING", np.inf)
+    monkeypatch.setattr(automatic, "_UNSETTLED", np.inf)
     assert settled(posed, result, stiffness, 1e-8).x is result.x
