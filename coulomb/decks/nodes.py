@@ -280,8 +280,9 @@ def together(forces: list[dict[str, Any]]) -> list[dict[str, Any]]:
         if len(tables) == 1 or len(sums) <= _SINGLY:
             left += tables
         else:
-            rows = [[float(one) for one in force] for force in sums.values()]
-            left.append({**tables[0], "nodes": list(sums), "force": rows})
+            nodes = sorted(sums, key=lambda node: int(str(node).rpartition(":")[2]))
+            rows = [[float(one) for one in sums[node]] for node in nodes]
+            left.append({**tables[0], "nodes": nodes, "force": rows})
     return left
 
 
