@@ -153,11 +153,11 @@ class SprungInverse:
 
     def __call__(self, r: FloatArray) -> FloatArray:
         """N r of r (m, 3) or (m, 3, columns)."""
-        return (self._N @ r.reshape(*r.shape[:2], -1)).reshape(r.shape)
+        return (self._N @ _columns(r)).reshape(r.shape)
 
     def transposed(self, r: FloatArray) -> FloatArray:
         """N^T r likewise."""
-        return (self._N.transpose(0, 2, 1) @ r.reshape(*r.shape[:2], -1)).reshape(r.shape)
+        return (self._N.transpose(0, 2, 1) @ _columns(r)).reshape(r.shape)
 
 
 class FormedInverse:
@@ -241,7 +241,7 @@ class FormedInverse:
     def __call__(self, r: FloatArray) -> FloatArray:
         """M^-1 applied to r (m, 3) or (m, 3, columns)."""
         assert self._at is not None
-        rest = r.reshape(*r.shape[:2], -1)
+        rest = _columns(r)
         z = self._G @ rest
         rest = rest - self._at.P @ z - self._at.Q @ self._product(z)
         return (z + self._solved(self._rows, self._free, rest, 1)).reshape(r.shape)
@@ -249,7 +249,7 @@ class FormedInverse:
     def transposed(self, r: FloatArray) -> FloatArray:
         """M^-T applied likewise."""
         assert self._at is not None
-        rest, (P, Q) = r.reshape(*r.shape[:2], -1), (of.transpose(0, 2, 1) for of in (self._at.P, self._at.Q))
+        rest, (P, Q) = _columns(r), (of.transpose(0, 2, 1) for of in (self._at.P, self._at.Q))
         z = self._solved(self._free, self._rows, rest, 0)
         rest = rest - P @ z - self._product(Q @ z)
         return (z + self._G.transpose(0, 2, 1) @ rest).reshape(r.shape)
@@ -267,3 +267,8 @@ class FormedInverse:
             right = (of @ r)[self._kept].astype(self._A.dtype)
             z[self._kept] = getrs(self._factors, self._pivots, right, trans=trans)[0]
         return into.transpose(0, 2, 1) @ z
+
+
+def _columns(r: FloatArray) -> FloatArray:
+    """(m, 3) or (m, 3, columns), also of a rank without contact points, as (m, 3, columns)."""
+    return r.reshape(*r.shape[:2], math.prod(r.shape[2:]))
